@@ -46,6 +46,7 @@ fn calibration() -> Applied {
         mode: text(),
         frame: text(),
         channel: None,
+        lag: None,
         effects: None,
         inputs: Vec::new(),
         notes: Vec::new(),

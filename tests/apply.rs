@@ -734,10 +734,7 @@ fn polynomials_are_taken_at_the_temperatures_of_their_own_thermistor() {
     run.temperatures.retain(|(t_s, _)| *t_s < 20.5 * step_s || *t_s > 39.5 * step_s);
     let case = Case::of(run.text());
     let told = done(&apply(&[&of_channel("T59")], &case.file(), &out, &[]));
-    says(
-        &told,
-        &["its temperature channel T59 has no reading from", "the temperature is not known there", "temperature not known"],
-    );
+    says(&told, &["its temperature channel T59 has no reading from", "the temperature is not known there"]);
     let table = fs::read(out.join("09-22-38.calibrated.parquet")).unwrap();
     let table = calfit::files::table::Table::from_parquet(&table).unwrap();
     let [t_s, t_degc, bx_nt] =

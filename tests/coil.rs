@@ -1035,6 +1035,12 @@ fn the_uncertainty_of_the_facility_stands_beside_that_of_the_run() {
 #[test]
 fn polynomials_keep_what_the_runs_share_of_the_facility() {
     let case = Case::new();
+    let half = 0.5_f64.sqrt();
+    let instructions = std::fs::read_to_string(case.campaign().join("campaign.toml")).unwrap_or_default();
+    let reference = format!(
+        "\n[[reference]]\nsensor = \"BS_11\"\nrotation = [[{half}, {half}, 0.0], [-{half}, {half}, 0.0], [0.0, 0.0, 1.0]]\nstd_deg = 0.0\n"
+    );
+    case.put("campaign.toml", instructions + &reference);
     let facility = case.put("facility.toml", with_covariance(SCALE, OFFSET_NT));
     let mut files = Vec::new();
     for (i, degc) in [0.0, 10.0, 20.0, 30.0, 40.0, 50.0].into_iter().enumerate() {
@@ -1059,6 +1065,23 @@ fn polynomials_keep_what_the_runs_share_of_the_facility() {
     for quantity in ["sigma_x", "b_or_x", "xi_xy"] {
         let sum = entry("covariance", quantity) + entry("covariance_b", quantity);
         assert!((entry("covariance_combined", quantity) / sum - 1.0).abs() < 1e-12);
+    }
+    // A cube turned by 45° about z sees both coils along its x and y: their errors of 1e-5 and 2e-5, correlated by 0.8, and that of 0.5 nT.
+    let table = case.put("readings.csv", "x,y,z,t_degc\n30000,30000,0,25\n");
+    let applied = case.out().join("applied");
+    let tpf_path = out.join("THERMAL_PARAMETER__13-04-03-10-00-00.TPF");
+    let output =
+        calfit().arg("apply").arg(tpf_path).arg(table).args(["--frame", "reference", "-o"]).arg(&applied).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text_of(&output));
+    let csv = std::fs::read_to_string(applied.join("readings.calibrated.csv")).unwrap();
+    let mut lines = csv.lines().filter(|line| !line.starts_with('#')).map(|line| line.split(',').collect::<Vec<_>>());
+    let (names, row) = (lines.next().unwrap(), lines.next().unwrap());
+    let value = |name: &str| row[names.iter().position(|own| *own == name).unwrap()].parse::<f64>().unwrap();
+    let [b_x, b_y] = [0, 1].map(|k| 30_000.0 * Plan::default().truth.sigma[k]);
+    let (own, both) = ((1e-10 * b_x * b_x + 4e-10 * b_y * b_y + 0.25) / 2.0, 1.6e-10 * b_x * b_y);
+    for (name, variance) in [("u_bx_nt", own + both), ("u_by_nt", own - both)] {
+        // The noise of the runs is a hundredth of it.
+        assert!((value(name) / variance.sqrt() - 1.0).abs() < 0.03, "{name} {} is not {}", value(name), variance.sqrt());
     }
     // The joint fit is of the same runs with the same orders, and has the same error.
     let joint = case.out().join("joint");

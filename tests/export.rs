@@ -73,6 +73,7 @@ prop_compose! {
             t_off_degc,
             std: BTreeMap::from([("A_1".to_owned(), std.to_vec()), ("K_2".to_owned(), std.to_vec()), ("T_OFF".to_owned(), vec![std[0]])]),
             reference: turn_deg.map(|deg| Reference {
+                stated_rotation: None,
                 rotation: rotation(deg),
                 std_deg: deg.abs(),
                 from: Convention::Rosetta.sensor_frame().to_owned(),

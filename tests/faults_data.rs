@@ -433,6 +433,22 @@ fn plateaus_shorter_than_the_settling_time_are_refused_with_a_remedy() {
     assert!(remedies.iter().any(|r| refusal.stderr.contains(r)), "no remedy in: {}", refusal.stderr);
 }
 
+/// A source or sensor that drifts by 4e-4 while one axis after the other is driven leaves a third of that in the sensitivities of every axis.
+#[test]
+fn a_gain_that_drifts_in_the_run_is_told() {
+    let levels = [-2000.0, 1500.0, -1000.0, 500.0, 2000.0, -500.0, 1000.0, -1500.0];
+    let plan = Plan { settings: programme(&levels, 8.0), rate_hz: 32.0, noise_ent: 0.3, ..Plan::default() };
+    for (change, is_told) in [(0.0, false), (4e-4, true)] {
+        let mut run = plan.run();
+        let end_s = run.samples.last().unwrap().t;
+        for sample in &mut run.samples {
+            sample.reading = sample.reading.map(|reading| reading * (1.0 + change * sample.t / end_s));
+        }
+        let (_, stderr) = accepted(&run, &[]);
+        assert_eq!(stderr.contains("grow with time in proportion to themselves"), is_told, "{stderr}");
+    }
+}
+
 /// A decay as long as the settings and longer stays below the noise in every stretch of them, and moves the sensitivities by many of their
 /// uncertainties; one that is seen for more than half of every setting leaves no plateau behind it.
 #[test]
@@ -618,7 +634,7 @@ fn files_without_data_have_messages_of_their_own() {
 fn sections_without_rows_have_messages_of_their_own() {
     let mut run = good();
     run.samples.clear();
-    refused(run.text(), &[]).by_analysis().says(&["0 usable plateaus", "no settled samples"]);
+    refused(run.text(), &[]).by_analysis().says(&["0 usable plateaus", "no settled samples", "@VECTORS", "with its samples"]);
     let mut run = good();
     run.samples.truncate(1);
     refused(run.text(), &[]).by_analysis().says(&["usable plateaus"]);

@@ -371,6 +371,12 @@ fn a_section_without_column_names_is_refused_and_no_row_is_lost() {
     for section in ["@VECTORS", "@FIELDS", "@TEMPERATURES"] {
         let header = line_of(&text, section, 0);
         refused(with_line(&text, header, ""), &[]).unreadable().in_line(header).says(&[section, "column name"]);
+        let remark = format!("{section} # of the morning");
+        refused(with_line(&text, header - 1, &remark), &[]).unreadable().in_line(header - 1).says(&[
+            section,
+            "more on its line than its name",
+            "alone on its line",
+        ]);
     }
 }
 

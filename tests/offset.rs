@@ -255,6 +255,34 @@ fn an_offset_run_during_which_the_temperature_moves_says_so() {
     assert!(!said(0.2).contains("the sensor temperature moved"));
 }
 
+/// Offsets that follow a temperature which rises by 0.8 K in the run are told at the temperatures of the visits that show them: x in the first two of
+/// four, y in the first three, z in the last two.
+#[test]
+fn an_offset_that_follows_the_temperature_holds_at_that_of_its_visits() {
+    let slopes = [0.05, -0.03, 0.04];
+    for seed in 1..=5 {
+        let moving = Plan { seed, ..plan(&POSITIONS, &[1, 2, 3, 4]) };
+        let end_s = moving.settings.last().unwrap().t_end;
+        let mut run = moving.run().key("kind", "\"offset\"").key("configuration", "\"OFFSET_200.MAG\"");
+        for (t_s, degc) in &mut run.temperatures {
+            *degc = [Some(20.5), Some(24.0 + 0.8 * *t_s / end_s)];
+        }
+        for sample in &mut run.samples {
+            (0..3).for_each(|i| sample.reading[i] += slopes[i] * 0.8 * sample.t / end_s);
+        }
+        let case = case(&moving);
+        case.put(common::RUN_FILE, run.text());
+        let output = case.run("offset", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let opf = opf(&case);
+        close(three(&opf, "offset_degc"), [24.2, 24.3, 24.6], 0.02);
+        for i in 0..3 {
+            let truth = moving.truth.offset_ent[i] + slopes[i] * (number(&opf, &format!("offset_degc.{i}")) - 24.0);
+            within(number(&opf, &format!("offset_ent.{i}")), truth, number(&opf, &format!("offset_std_ent.{i}")));
+        }
+    }
+}
+
 /// What begins anew with every turn of the sensor is in every zero level alike, and no position tells it from an offset.
 #[test]
 fn a_change_that_begins_with_every_turn_is_told() {

@@ -256,6 +256,37 @@ fn a_sweep_that_begins_within_a_ramp_is_right_with_a_delay() {
     assert!((0.7..1.3).contains(&whole), "{whole}");
 }
 
+/// The polynomials of a case, applied to the sweep itself: root mean square of modulus minus applied modulus over the settings, nT.
+fn off_nt(case: &Case) -> f64 {
+    let run = case.campaign().join("26-03-03/16-00-00.CCR");
+    let tpf = case.out().join(SWEEP).join("THERMAL_PARAMETER__26-03-03-16-00-00.TPF");
+    let out = case.path().join("applied");
+    let output = calfit().arg("apply").arg(tpf).arg(&run).arg("-o").arg(&out).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let table = fs::read(out.join("16-00-00.calibrated.parquet")).unwrap();
+    let table = calfit::files::table::Table::from_parquet(&table).unwrap();
+    let [t_s, x, y, z] =
+        ["t", "bx_nt", "by_nt", "bz_nt"].map(|name| match &table.columns.iter().find(|(own, _)| own == name).unwrap().1 {
+            calfit::files::table::Values::Numbers(values) => values.clone(),
+            other => panic!("{other:?}"),
+        });
+    let settings = calfit::files::ccr::read(&run, &calfit::files::ccr::Options::default(), &mut ()).unwrap().settings;
+    let mut squares = Vec::new();
+    for setting in &settings {
+        // The first seconds hold the pulse of the heater in the pause before.
+        let own = t_s.partition_point(|t| *t < setting.t_start_s + 5.0)..t_s.partition_point(|t| *t < setting.t_end_s);
+        let moduli = own.clone().map(|i| (x[i] * x[i] + y[i] * y[i] + z[i] * z[i]).sqrt()).filter(|b| b.is_finite());
+        let (sum, count) = moduli.fold((0.0, 0.0), |(sum, count), b| (sum + b, count + 1.0));
+        if count == own.len() as f64 {
+            let applied = setting.field.0.iter().map(|b| b * b).sum::<f64>().sqrt();
+            squares.push((sum / count - applied).powi(2));
+        }
+    }
+    // All but the stretch at the begin in which the temperature of the sensor is not known.
+    assert!(squares.len() > settings.len() * 9 / 10, "{}", squares.len());
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+}
+
 /// Eight minutes between sensor and thermistor, either way, are found, and the coefficients are as right as without; without the lag they are
 /// not, and with the lag given they are right again.
 #[test]
@@ -282,7 +313,9 @@ fn a_lag_of_eight_minutes_is_found_given_or_left_out() {
             if seed > 1 {
                 continue;
             }
+            assert!(off_nt(&case) < 0.3);
             let (without, _) = swept(&case, &["--lag", "none"]);
+            assert!(off_nt(&case) > 1.0);
             assert_eq!(decided(&without, "decision"), Some("not looked for"));
             assert!(rms(pulls(&without, &twin)[..3].as_flattened()) > 5.0);
             let (given, stdout) = swept(&case, &["--lag", arguments]);

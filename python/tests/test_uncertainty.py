@@ -164,6 +164,63 @@ def test_polynomials(tmp_path, offset, t):
     np.testing.assert_allclose(p.apply(*RAW, t)[1], np.sqrt(wanted), rtol=1e-12)
 
 
+@pytest.mark.parametrize("t", [-30.0, 0.0, 55.0])
+def test_what_runs_share_moves_all_parameters_at_once(tmp_path, t):
+    lines = right(make.LINES) | make.B_OR
+    own = make.covariances(right(make.LINES), 1e-5) | make.covariances(make.B_OR, 0.1)
+    change = {name: [1e-4 * (k + 1) / 50.0**order for order in range(len(lines[name]))] for k, name in enumerate(lines)}
+    change |= {f"xi_{pair}": [0.0, 0.0] for pair in ("xy", "xz", "yz")}
+    combined = {name: np.array(own[name]) + np.outer(change[name], change[name]) for name in lines}
+    tpf = make.thermal("TPF", lines) | {"apply": make.apply(), "common": [{"source": "a coil"} | change]}
+    tpf |= {"covariance": own, "covariance_combined": combined}
+    m, s = RAW - np.array(make.at(make.B_OR, "b_or", t)), make.at(lines, "sigma", t)
+    moved = [make.at(change, stem, t) for stem in ("sigma", "b_or")]
+    xi = {pair: polynomial(own[f"xi_{pair}"], t) * RAD**2 for pair in ("xy", "xz", "yz")}
+    x, y = (s[0] * m[0]) ** 2, (s[1] * m[1]) ** 2
+    angles = [0.0, x * xi["xy"], x * xi["xz"] + y * xi["yz"]]
+    wanted = [
+        m[i] ** 2 * polynomial(own[f"sigma_{a}"], t) + s[i] ** 2 * polynomial(own[f"b_or_{a}"], t) + angles[i]
+        + (m[i] * moved[0][i] - s[i] * moved[1][i]) ** 2
+        for i, a in enumerate("xyz")
+    ]
+    np.testing.assert_allclose(calfit.read(make.put(tmp_path, "A.TPF", tpf)).apply(*RAW, t)[1], np.sqrt(wanted), rtol=1e-11)
+
+
+@pytest.mark.parametrize("t", [-30.0, 0.0, 55.0])
+def test_a_cube_stated_for_the_other_convention(tmp_path, t):
+    # The same sensor has an upper triangular matrix in the frame that the cube is stated for: that of a QR decomposition.
+    cube = make.turn([3.0, -20.0, 50.0])
+    lines = make.LINES | make.B_OR
+    names = [(name, k) for name in lines for k in range(len(lines[name]))]
+
+    def field(coefficients):
+        at = {name: sum(coefficients[i] * t**k for i, (own, k) in enumerate(names) if own == name) for name in lines}
+        directions = make.axes([at[f"xi_{pair}"] for pair in ("xy", "xz", "yz")])
+        matrix = np.linalg.inv(directions) @ np.diag([at[f"sigma_{a}"] for a in "xyz"])
+        upper = np.linalg.qr(matrix)[1]
+        upper = np.sign(np.diagonal(upper))[:, None] * upper
+        return cube @ upper @ (RAW - np.array([at[f"b_or_{a}"] for a in "xyz"]))
+
+    values = np.array([lines[name][k] for name, k in names], dtype=float)
+    tpf = make.tpf() | {
+        "reference": {
+            "rotation": np.eye(3), "std_deg": 0.0, "from": "sensor (BepiColombo): x along sensor axis x, y in the plane of x and y", "stated_for": "rosetta", "stated_rotation": cube
+        }
+    }
+    columns = []
+    for i, value in enumerate(values):
+        step = 1e-6 * max(abs(value), 1e-2)
+        by = np.where(np.arange(len(values)) == i, step, 0.0)
+        columns.append((field(values + by) - field(values - by)) / (2.0 * step))
+    jacobian, whole = np.array(columns).T, np.zeros((len(values),) * 2)
+    for i, (a, j) in enumerate(names):
+        for k, (b, l) in enumerate(names):
+            whole[i, k] = tpf["covariance"][a][j][l] if a == b else 0.0
+    b, u, _ = calfit.read(make.put(tmp_path, "A.TPF", tpf)).apply(*RAW, t, frame="reference")
+    np.testing.assert_allclose(b, field(values), rtol=1e-12)
+    np.testing.assert_allclose(u, np.sqrt(np.diagonal(jacobian @ whole @ jacobian.T)), rtol=1e-5)
+
+
 def centre(t, covariance, together=None, remainder=((0.0,) * 3, (0.0,) * 3)):
     """A TCF with right angles, and the derivatives of the field in its convention: B_x takes -xi_xy times sigma_y m_y, and so on."""
     lines = right(make.LINES)

@@ -107,8 +107,13 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let calibration = applied(&parameters, model.as_ref(), &options, &mut findings);
     findings.iter().for_each(|f| terminal.finding(f));
     let calibration = calibration?;
-    if !common.json {
-        calibration.notes.iter().for_each(|note| terminal.tell(&format!("note: {note}\n")));
+    for note in &calibration.notes {
+        // What the files say against their own values is a warning of whatever is made with them.
+        match &note.of {
+            Some(_) => terminal.warning(&note.to_string()),
+            None if !common.json => terminal.tell(&format!("note: {note}\n")),
+            None => {}
+        }
     }
     let folder = Folder::open(&common.out, common.force)?;
     let allowed = common.desk().allowed();

@@ -70,6 +70,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             "the certificate states neither laboratory, place, item, persons nor traceability; name a campaign.toml with [report] with --campaign",
         );
     }
+    for note in sources.iter().flat_map(Source::notes) {
+        terminal.warning(&note.to_string());
+    }
     let recorded = ExportRecipe { format: arguments.format.name, at_centre: arguments.at_centre };
     let provenance = Provenance::new(Recipe::new("export", &recorded), input);
     let exported = (arguments.format.write)(&sources, &Options { provenance, at_centre: arguments.at_centre, report })?;

@@ -125,6 +125,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     bar.finish();
     made.notes.extend(made.days_missing());
+    made.notes.extend(flight.comparisons());
     flight.finish()?;
     if common.json {
         terminal.print(&json(&made)?);

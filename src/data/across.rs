@@ -3,6 +3,7 @@
 //! Parameter files hold these types as they are, so that each is defined here only.
 
 use super::linearisation::LinearisationApplied;
+use super::note::Note;
 use super::reference::StatedReference;
 use super::result::{Rows, RunHead};
 use super::run::Location;
@@ -54,6 +55,27 @@ pub struct LinearScope {
     /// Model files whose effects were taken off the readings before.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known_effects: Vec<String>,
+    /// How the part of the sensor whose temperature the coefficients follow goes after its thermistor; absent where both are taken as the same.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thermistor_lag: Option<FollowedThermistor>,
+}
+
+/// How a part of a sensor goes after a thermistor.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FollowedThermistor {
+    /// `delay`, `first order` or `inverse first order`.
+    pub form: String,
+    /// Delay or time constant, s; a negative delay where the part is earlier than the thermistor.
+    pub lag_s: f64,
+}
+
+impl FollowedThermistor {
+    /// Of the lag of a sweep; nothing where that is none.
+    #[must_use]
+    pub fn of(applied: &AppliedLag) -> Option<Self> {
+        (applied.form != LagForm::None.name() && applied.lag_s != 0.0)
+            .then(|| Self { form: applied.form.clone(), lag_s: applied.lag_s })
+    }
 }
 
 /// Calibrations of readings that were linearised in different ways, or some of them not at all.
@@ -176,6 +198,10 @@ pub enum RunValues {
         offset_ent: [f64; 3],
         /// Its standard uncertainty, enT.
         std: Option<[f64; 3]>,
+        /// That of type B, which runs with one facility share; `None` if the file states none.
+        std_b: Option<[f64; 3]>,
+        /// Temperatures at which the offsets hold, °C, where they are not that of the run.
+        degc: Option<[f64; 3]>,
         /// Residual field, enT.
         residual_ent: [f64; 3],
         /// Its standard uncertainty, enT; nan where the file does not tell.
@@ -213,6 +239,8 @@ pub struct CalibratedRun {
     pub values: RunValues,
     /// How the sensor stands in its reference cube, if the file tells it.
     pub reference: Option<StatedReference>,
+    /// What qualifies its values.
+    pub notes: Vec<Note>,
 }
 
 /// Rotation angles of every run, degrees; nan where a file does not tell.

@@ -33,12 +33,16 @@ pub enum NoteKind {
     Data,
     /// Temperatures that are missing, move, or are no temperatures.
     Temperature,
+    /// A temperature channel on which the result rests is wrong.
+    TemperatureFault,
     /// The reference field: coil system, facility file, Earth's field compensation.
     Facility,
     /// A limit of the method, or an assumption that the result rests on.
     Method,
     /// A run or file that was left out of what was made from several.
     LeftOut,
+    /// From a file of an earlier version, which does not tell the kinds of its notes.
+    Earlier,
 }
 
 impl NoteKind {
@@ -49,6 +53,32 @@ impl NoteKind {
             NoteKind::Fit => Some("FIT"),
             NoteKind::Model => Some("MODEL"),
             _ => None,
+        }
+    }
+
+    /// Whether a note of this kind qualifies the values: they are not to be used, or not without knowing it, so that it goes with them to
+    /// whoever takes them from a file. The other kinds tell how a result came about.
+    #[must_use]
+    pub fn qualifies_values(self) -> bool {
+        match self {
+            NoteKind::Axes
+            | NoteKind::ReversedAxis
+            | NoteKind::SwappedAxes
+            | NoteKind::Gain
+            | NoteKind::GainJump
+            | NoteKind::Mismatch
+            | NoteKind::Stuck
+            | NoteKind::Fit
+            | NoteKind::Model
+            | NoteKind::TemperatureFault
+            | NoteKind::Facility
+            | NoteKind::Earlier => true,
+            NoteKind::Spikes
+            | NoteKind::Losses
+            | NoteKind::Data
+            | NoteKind::Temperature
+            | NoteKind::Method
+            | NoteKind::LeftOut => false,
         }
     }
 }
@@ -72,13 +102,15 @@ pub struct Note {
     pub text: String,
     /// What to do about it.
     pub remedy: Option<String>,
+    /// The run or file with whose values it came here; absent for a note on what was made here.
+    pub of: Option<String>,
 }
 
 impl Note {
     /// A note about the result as a whole.
     #[must_use]
     pub fn new(kind: NoteKind, text: impl Into<String>) -> Self {
-        Self { kind, about: None, text: text.into(), remedy: None }
+        Self { kind, about: None, text: text.into(), remedy: None, of: None }
     }
 
     /// About a channel, file, run or axis.
@@ -98,7 +130,7 @@ impl Note {
     /// Whether it concerns the result as a whole, so that a report begins with it.
     #[must_use]
     pub fn comes_first(&self) -> bool {
-        self.kind != NoteKind::Model && self.kind.label().is_some()
+        self.of.is_none() && self.kind != NoteKind::Model && self.kind.label().is_some()
     }
 }
 
@@ -106,6 +138,9 @@ impl fmt::Display for Note {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(label) = self.kind.label() {
             write!(f, "{label}: ")?;
+        }
+        if let Some(of) = &self.of {
+            write!(f, "{of}: ")?;
         }
         f.write_str(&self.text)?;
         match &self.remedy {
@@ -137,6 +172,19 @@ impl Told {
     #[must_use]
     pub fn of(notes: &[Note]) -> Self {
         Self { warnings: notes.iter().map(Note::to_string).collect(), warning_kinds: notes.iter().map(|n| n.kind).collect() }
+    }
+
+    /// The notes that go with the values of a file or run to what is made from them: those that qualify the values. A file that does not tell
+    /// the kinds of its notes gives all of them.
+    #[must_use]
+    pub fn with_values_of(&self, of: &str) -> Vec<Note> {
+        let kinds = self.warning_kinds.iter().copied().chain(std::iter::repeat(NoteKind::Earlier));
+        let carried = |(line, kind): (&String, NoteKind)| {
+            // The label is written before what it is of.
+            let text = kind.label().and_then(|label| line.strip_prefix(label)?.strip_prefix(": ")).unwrap_or(line);
+            Note { of: Some(of.to_owned()), ..Note::new(kind, text) }
+        };
+        self.warnings.iter().zip(kinds).filter(|(_, kind)| kind.qualifies_values()).map(carried).collect()
     }
 }
 

@@ -20,6 +20,10 @@ pub struct OffsetValues {
     pub residual_coil_nt: [f64; 3],
     /// Its standard uncertainty, nT.
     pub residual_coil_std_nt: [f64; 3],
+    /// Sensor temperatures at which the offsets hold, °C, where they are not that of the run: of every component the mean over its visits, each as
+    /// it counts in the offset.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset_degc: Option<[f64; 3]>,
 }
 
 impl OffsetValues {
@@ -31,6 +35,7 @@ impl OffsetValues {
         residual_std_ent: [f64::NAN; 3],
         residual_coil_nt: [f64::NAN; 3],
         residual_coil_std_nt: [f64::NAN; 3],
+        offset_degc: None,
     };
 }
 

@@ -12,7 +12,7 @@ pub use displacement::{Course, Displacement, displacement};
 use crate::data::run::{GivenBlock, Header, Run, Setting, Vector, VectorSink};
 use crate::data::units::{COMPONENTS, Reading};
 use crate::fit::statistics::median;
-use inside::{contrasts, drop_saturated, spiky_bins};
+use inside::{contrasts, drop_saturated, is_between, spiky_bins};
 use serde::Serialize;
 use std::cell::OnceCell;
 use std::fmt;
@@ -187,6 +187,12 @@ impl Plateaus {
         ids.sort_unstable();
         ids.dedup();
         ids
+    }
+
+    /// Whether the run has no sample at all, so that nothing could settle.
+    #[must_use]
+    pub fn lack_samples(&self, run: &Run) -> bool {
+        run.blocks.is_empty() && run.vectors.count == 0 && self.list.iter().all(|p| p.count == Some(0))
     }
 }
 
@@ -363,13 +369,14 @@ impl Accumulator {
         let mut list = Vec::with_capacity(self.settings.len());
         let mut extremes = Vec::with_capacity(self.settings.len());
         let mut all_used = Vec::with_capacity(self.settings.len());
+        let levels = self.levels(edges::REFERENCE);
         for (index, setting) in self.settings.iter().enumerate() {
             let bin_s = (setting.t_end_s - setting.t_start_s) / BINS as f64;
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates at 0 and at BINS")]
             let bins_of = |time_s: f64| ((time_s / bin_s - 1e-9).ceil() as usize).min(BINS);
             let used = bins_of(settling_s)..BINS - bins_of(edges.early_end_s);
             all_used.push(used.clone());
-            let (plateau, range) = self.plateau(index, setting, used, least_coverage, &resolution);
+            let (plateau, range) = self.plateau(index, used, least_coverage, &resolution, &levels);
             list.push(plateau);
             extremes.push(range);
         }
@@ -397,11 +404,12 @@ impl Accumulator {
     fn plateau(
         &self,
         index: usize,
-        setting: &Setting,
         used: Range<usize>,
         least_coverage: f64,
         resolution: &impl Fn() -> [f64; 3],
+        levels: &[Option<[f64; 3]>],
     ) -> (Plateau, Extremes) {
+        let setting = &self.settings[index];
         let Range { start: first, end } = used;
         let duration_s = setting.t_end_s - setting.t_start_s;
         let edge_s = |bin: usize| setting.t_start_s + duration_s * bin as f64 / BINS as f64;
@@ -415,6 +423,15 @@ impl Accumulator {
         for (bin, _) in bins.iter().zip(&spiky).filter(|(_, spiky)| !**spiky) {
             total.merge(bin);
         }
+        // A sample whose time rounds across the edge belongs to the setting beside: it is left out, and is no spike.
+        let level = |setting: Option<usize>| setting.and_then(|i| levels.get(i)).copied().flatten();
+        let neighbours = [(0, level(index.checked_sub(1))), (BINS - 1, level(Some(index + 1)))];
+        let beyond_edge = |(edge, beside): (usize, Option<[f64; 3]>)| {
+            let place = edge.checked_sub(first)?;
+            let bin = bins.get(place).filter(|_| spiky[place])?;
+            is_between(bin, &total, beside?).then_some(bin.count)
+        };
+        let edge_samples: u64 = neighbours.into_iter().filter_map(beyond_edge).sum();
         #[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]
         let (count, fraction) = (total.count as f64, there as f64 / (self.sample_rate_hz * (used_s[1] - used_s[0])).max(1.0));
         let mut mean = [f64::NAN; 3];
@@ -446,7 +463,7 @@ impl Accumulator {
             mean: Reading(mean),
             std_ent: (total.count > 1).then_some(std),
             count: Some(total.count),
-            spike_samples: there - total.count,
+            spike_samples: there - total.count - edge_samples,
             dropped,
             contrasts: contrasts(bins, &spiky, duration_s / BINS as f64, self.sample_rate_hz),
         };

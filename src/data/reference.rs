@@ -31,6 +31,11 @@ pub struct Reference {
     pub from: String,
     /// The convention whose sensor frame it was stated for.
     pub stated_for: Convention,
+    /// The rotation as it was stated, where that is another convention than the file's: the two sensor frames are turned against each other as
+    /// the angles are, so that `rotation` holds at the mean temperature of the file and this one at every temperature. Absent in files from
+    /// before it was told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stated_rotation: Option<Rows>,
 }
 
 /// What a matrix that is printed with six decimals may miss of a rotation: half a unit in the products of three pairs of elements, twice.
@@ -67,6 +72,7 @@ impl StatedReference {
             std_deg: self.std_deg,
             from: alignment.convention.sensor_frame().to_owned(),
             stated_for: self.convention,
+            stated_rotation: (self.convention != alignment.convention).then_some(self.rotation),
         })
     }
 }

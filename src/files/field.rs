@@ -38,9 +38,10 @@ pub fn read_field(path: &Path, frame: Frame, findings: &mut Vec<Finding>) -> Res
 fn part(path: &Path, frame: Frame, findings: &mut Vec<Finding>) -> Result<(FieldPart, Input), Finding> {
     let shown = path.display().to_string();
     if rpcmag::is_named(path) {
-        let (file, digested) = rpcmag::read(path, findings)?;
+        let (file, digested) = rpcmag::read_alone(path, findings)?;
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        return Ok((file.field_part(), digested.input(name)));
+        let notes = file.told.with_values_of(&name);
+        return Ok((FieldPart { notes, ..file.field_part() }, digested.input(name)));
     }
     let Some(kind) = FileKind::of_file(path) else {
         let remedy = "name CPF, TPF, TOF, OPF, TCF files, or a ground calibration file RPCMAG_GND_CALIB_*.TXT";
@@ -69,8 +70,15 @@ fn in_reference_cube(mut part: FieldPart, file: &str) -> Result<FieldPart, Findi
     if reference.std_deg.is_nan() || reference.std_deg < 0.0 {
         return Err(refuse("reference.std_deg is no uncertainty"));
     }
+    // A matrix of one temperature has one rotation; where its angles move, the frame for which another convention states it moves with them.
+    let stated = reference.stated_rotation.filter(|_| matches!(part.coefficients.matrix, Some(MatrixForm::Alignment(_))));
+    if stated.as_ref().is_some_and(|rows| !is_rotation(rows)) {
+        return Err(refuse("reference.stated_rotation is no rotation"));
+    }
+    let rows = stated.unwrap_or(reference.rotation);
     part.coefficients.turn = Some(Turn {
-        rotation: Matrix3::from_fn(|row, column| reference.rotation[row][column]),
+        rotation: Matrix3::from_fn(|row, column| rows[row][column]),
+        from_other: stated.map(|_| reference.stated_for),
         std_rad: reference.std_deg.to_radians(),
     });
     part.frame = "reference cube of the sensor".to_owned();

@@ -181,6 +181,7 @@ pub fn blocks(mut vectors: Block, rows: usize, uncertainty: bool) -> Vec<Block> 
     if uncertainty {
         for block in &mut list {
             block.own_nt2 = vec![[0.0; 6]; block.len()];
+            block.thermistor_nt = vec![[0.0; 3]; block.len()];
             block.common_nt2 = vec![[0.0; 6]; block.len()];
         }
     }
@@ -199,6 +200,7 @@ fn split_off(block: &mut Block, at: usize) -> Block {
         range: block.range.split_off(at),
         flags: block.flags.split_off(at),
         own_nt2: Vec::new(),
+        thermistor_nt: Vec::new(),
         common_nt2: Vec::new(),
     }
 }

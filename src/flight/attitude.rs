@@ -2,10 +2,23 @@
 
 use super::{Block, Step};
 use crate::data::flags::Flags;
-use crate::data::time::Tt2000;
+use crate::data::time::{LeapSeconds, Tt2000};
 use crate::files::flight::auxiliary::Attitude;
+use crate::fit::statistics::median;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion};
+use std::ops::Range;
 use std::sync::Arc;
+
+/// An attitude that turns by so much from one row to the next, radians (5°), and by so many times what it does otherwise, jumps.
+const JUMP_RAD: f64 = 0.087_266;
+const OFTEN: f64 = 10.0;
+/// Rows on either side that say how fast it turns otherwise.
+const ROWS_BESIDE: usize = 3;
+/// Rows between two jumps are wrong if they are at most so many, and the rows on both sides of them agree within this part of the jumps.
+const MOST_WRONG: usize = 10;
+const AGREE: f64 = 0.3;
+/// A jump that is not taken back is told from here on, radians (20°): a spacecraft that begins and ends to turn between two rows looks like it.
+const TOLD_RAD: f64 = 0.349_066;
 
 /// From the spacecraft to the celestial frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,6 +29,90 @@ pub struct AttitudeStep {
     pub max_gap_ns: i64,
     /// Standard uncertainty of the attitude about every axis, radians.
     pub std_rad: f64,
+    /// Rows of the table that are not believed: beside them there is no attitude.
+    pub wrong: Vec<usize>,
+}
+
+/// Rows of a table of attitude that cannot be right.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct AttitudeFaults {
+    /// Rows that are turned against those on both sides, which agree with each other.
+    pub wrong: Vec<usize>,
+    /// The largest such turn, radians.
+    pub most_rad: f64,
+    /// Jumps that are not taken back: the row before, and the turn to the next one, radians.
+    pub jumps: Vec<(usize, f64)>,
+}
+
+impl AttitudeFaults {
+    /// Of a table whose rows further apart than `max_gap_ns` have a gap between them.
+    #[must_use]
+    pub fn of(table: &Attitude, max_gap_ns: i64) -> Self {
+        let turn = |a: usize, b: usize| angle(&table.wxyz[a], &table.wxyz[b]);
+        let follow = |rows: &Range<usize>| table.time[rows.end] - table.time[rows.start] <= max_gap_ns;
+        let turns: Vec<f64> =
+            (1..table.time.len()).map(|row| if follow(&(row - 1..row)) { turn(row - 1, row) } else { 0.0 }).collect();
+        let is_jump = |row: &usize| {
+            let beside = turns[row.saturating_sub(ROWS_BESIDE)..*row].iter().chain(turns[row + 1..].iter().take(ROWS_BESIDE));
+            let mut beside: Vec<f64> = beside.copied().collect();
+            turns[*row] > JUMP_RAD && !beside.is_empty() && turns[*row] > OFTEN * median(&mut beside)
+        };
+        let places: Vec<usize> = (0..turns.len()).filter(is_jump).collect();
+        let mut out = Self::default();
+        let mut next = 0;
+        while let Some(&from) = places.get(next) {
+            let takes_back = |to: &&usize| {
+                **to - from <= MOST_WRONG
+                    && (from..**to).all(|row| follow(&(row..row + 1)))
+                    && turn(from, **to + 1) < AGREE * turns[from].min(turns[**to])
+            };
+            match places[next + 1..].iter().find(takes_back) {
+                Some(&to) => {
+                    out.wrong.extend(from + 1..=to);
+                    out.most_rad = out.most_rad.max(turns[from]);
+                    next += 1 + places[next + 1..].iter().take_while(|place| **place <= to).count();
+                }
+                None => {
+                    if turns[from] > TOLD_RAD {
+                        out.jumps.push((from, turns[from]));
+                    }
+                    next += 1;
+                }
+            }
+        }
+        out
+    }
+
+    /// What is to be known of them within a stretch.
+    #[must_use]
+    pub fn notes(&self, table: &Attitude, span: &Range<Tt2000>, leap: &LeapSeconds) -> Vec<String> {
+        let own = |row: &&usize| span.contains(&table.time[**row]);
+        let wrong: Vec<&usize> = self.wrong.iter().filter(own).collect();
+        let mut notes = Vec::new();
+        if let Some(first) = wrong.first() {
+            notes.push(format!(
+                "the attitude of {} rows, the first of {}, is turned by up to {:.1}° against the rows on both sides, which agree: vectors beside \
+                 them have no attitude",
+                wrong.len(),
+                leap.utc(table.time[**first]),
+                self.most_rad.to_degrees()
+            ));
+        }
+        for (row, by_rad) in self.jumps.iter().filter(|(row, _)| own(&row)) {
+            notes.push(format!(
+                "the attitude turns by {:.1}° from {} to the next row, and hardly before and after it; nothing was done about it",
+                by_rad.to_degrees(),
+                leap.utc(table.time[*row])
+            ));
+        }
+        notes
+    }
+}
+
+/// Angle between two attitudes, radians; both signs of a quaternion are the same one.
+fn angle(a: &[f64; 4], b: &[f64; 4]) -> f64 {
+    let chord = |sign: f64| a.iter().zip(b).map(|(a, b)| (a - sign * b) * (a - sign * b)).sum::<f64>().sqrt();
+    4.0 * (0.5 * chord(1.0).min(chord(-1.0))).min(1.0).asin()
 }
 
 /// The two neighbours of a time, prepared for spherical linear interpolation.
@@ -36,12 +133,13 @@ impl AttitudeStep {
         let Attitude { time: times, wxyz } = &*self.table;
         let next = times.partition_point(|t| *t <= time);
         let before = next.checked_sub(1)?;
-        if times[before] == time && (next == times.len() || times[next] - times[before] > self.max_gap_ns) {
+        let is_last = || next == times.len() || times[next] - times[before] > self.max_gap_ns;
+        if times[before] == time && is_last() && self.wrong.binary_search(&before).is_err() {
             let q = wxyz[before];
             return Some(Between { begin: time, end: time + 1, from: q, to: q, angle: 0.0, sine: 0.0 });
         }
         let (begin, end) = (times[before], *times.get(next)?);
-        if end - begin > self.max_gap_ns {
+        if end - begin > self.max_gap_ns || [before, next].iter().any(|row| self.wrong.binary_search(row).is_ok()) {
             return None;
         }
         let from = wxyz[before];
@@ -167,7 +265,7 @@ mod tests {
             time: vec![0, 10, 20, 500],
             wxyz: vec![about_z(0.0, 1.0), about_z(0.4, -1.0), about_z(0.5, 1.0), about_z(0.5, 1.0)],
         };
-        let step = AttitudeStep { table: table.into(), max_gap_ns: 60, std_rad: 0.0 };
+        let step = AttitudeStep { table: table.into(), max_gap_ns: 60, std_rad: 0.0, wrong: Vec::new() };
         let times = vec![0, 5, 10, 19, 20, 21, 500, 501];
         let n = times.len();
         let field = [vec![1.0; n], vec![0.0; n], vec![3.0; n]];
@@ -180,6 +278,44 @@ mod tests {
         // Within the gap and behind the table there is no attitude; at the last row there is.
         assert!([5, 7].iter().all(|row| block.field[0][*row].is_nan() && block.flags[*row] == Flags::ATTITUDE.0));
         assert!((block.field[0][6] - 0.5_f64.cos()).abs() < 1e-12);
+    }
+
+    /// A spacecraft that turns evenly, in rows of 10 ns; angles of single rows are wrong.
+    #[test]
+    fn rows_of_another_attitude_are_told_and_not_used_and_turns_are_none() {
+        const ROWS: usize = 60;
+        let about_z = |angle: f64| [(0.5 * angle).cos(), 0.0, 0.0, (0.5 * angle).sin()];
+        let table = |angle: &dyn Fn(usize) -> f64| Attitude {
+            time: (0..ROWS as i64).map(|k| 10 * k).collect(),
+            wxyz: (0..ROWS).map(|k| about_z(angle(k))).collect(),
+        };
+        let of = |angle: &dyn Fn(usize) -> f64| AttitudeFaults::of(&table(angle), 60);
+        let slow = |k: usize| 1e-3 * k as f64;
+        assert_eq!(of(&slow), AttitudeFaults::default());
+        // One turn in six rows, as of a spinning one; a slew of 90° that begins and ends within some rows.
+        assert_eq!(of(&|k| k as f64 * std::f64::consts::PI / 3.0), AttitudeFaults::default());
+        let slew = |k: usize| (k as f64 - 20.0).clamp(0.0, 10.0) * 9.0_f64.to_radians();
+        assert_eq!(of(&slew), AttitudeFaults::default());
+        let faulty = |k: usize| slow(k) + if k == 30 || k == 45 || k == 46 { 40.0_f64.to_radians() } else { 0.0 };
+        let found = of(&faulty);
+        assert_eq!((found.wrong.as_slice(), found.jumps.len()), ([30, 45, 46].as_slice(), 0));
+        assert!((found.most_rad.to_degrees() - 40.0).abs() < 0.1);
+        let notes = found.notes(&table(&faulty), &(0..400), &LeapSeconds::default());
+        assert!(
+            notes.len() == 1 && notes[0].starts_with("the attitude of 1 rows, the first of 2000-01-01T11:58:55"),
+            "{notes:?}"
+        );
+        // It turns at once and stays there.
+        let found = of(&|k| slow(k) + if k > 30 { 1.0 } else { 0.0 });
+        assert_eq!((found.wrong.len(), found.jumps.len(), found.jumps[0].0), (0, 1, 30));
+
+        let step = AttitudeStep { table: table(&faulty).into(), max_gap_ns: 60, std_rad: 0.0, wrong: of(&faulty).wrong };
+        let times: Vec<Tt2000> = vec![290, 291, 300, 309, 310, 440, 460, 469, 470];
+        let n = times.len();
+        let mut block = Block { time: times, field: [(); 3].map(|()| vec![1.0; n]), flags: vec![0; n], ..Block::default() };
+        step.apply(&mut block);
+        let without: Vec<usize> = (0..n).filter(|row| block.flags[*row] & Flags::ATTITUDE.0 != 0).collect();
+        assert_eq!(without, [0, 1, 2, 3, 5, 6, 7]);
     }
 
     #[test]

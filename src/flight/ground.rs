@@ -88,8 +88,8 @@ struct Here {
     offset_change_ent: Vector3<f64>,
     /// Change of the matrix with the temperature, nT/enT/K.
     matrix_change: Matrix3<f64>,
-    /// Variance of the temperature from the step of the converter, °C².
-    own_degc2: f64,
+    /// Standard uncertainty of the temperature from the step of the converter, °C.
+    std_degc: f64,
     /// `M Mᵀ`, of noise of one enT along every axis.
     unit_noise: [f64; 6],
 }
@@ -134,7 +134,7 @@ impl GroundStep {
                 back,
                 offset_change_ent: nothing.0,
                 matrix_change: nothing.1,
-                own_degc2: 0.0,
+                std_degc: 0.0,
                 unit_noise: [0.0; 6],
             });
         }
@@ -144,7 +144,7 @@ impl GroundStep {
         Some(Here {
             offset_change_ent: (high.offset_ent - low.offset_ent) * scale,
             matrix_change: (high.matrix - low.matrix) * scale,
-            own_degc2: self.thermometer.std_degc(count).powi(2),
+            std_degc: self.thermometer.std_degc(count),
             unit_noise: SYMMETRIC.map(|place| square[place]),
             back,
             at: own,
@@ -204,6 +204,9 @@ impl Step for GroundStep {
                     let noise2 = self.noise.as_ref().map_or(f64::NAN, |n| n.variance_ent2(block.mode[row], block.range[row]));
                     let [daily_nt, sum_nt] = if whole_run { daily_nt } else { self.daily_change_nt(block.time[row], degc) };
                     let change = here.matrix_change * measured - here.at.matrix * here.offset_change_ent - daily_nt;
+                    let by_thermistor = change * here.std_degc;
+                    #[expect(clippy::cast_possible_truncation, reason = "uncertainties need few digits")]
+                    (0..3).for_each(|i| block.thermistor_nt[row][i] = by_thermistor[i] as f32);
                     // The offset of the thermistor is in the temperatures at all midnights before as well.
                     let change_of_all = change - sum_nt;
                     let mut common = here.at.covariance_nt2(&measured);
@@ -212,8 +215,7 @@ impl Step for GroundStep {
                         SYMMETRIC.into_iter().zip(&mut common).for_each(|((i, k), sum)| *sum += by[i] * by[k]);
                     }
                     for (element, (i, k)) in SYMMETRIC.into_iter().enumerate() {
-                        let per_k2 = change[i] * change[k];
-                        let own = here.unit_noise[element] * noise2 + per_k2 * here.own_degc2;
+                        let own = here.unit_noise[element] * noise2 + by_thermistor[i] * by_thermistor[k];
                         let of_all = change_of_all[i] * change_of_all[k];
                         let common = common[element] + of_all * self.t_off_std_degc * self.t_off_std_degc;
                         #[expect(clippy::cast_possible_truncation, reason = "variances need few digits")]
@@ -335,6 +337,7 @@ mod tests {
             range: vec![0; n],
             flags: vec![0; n],
             own_nt2: vec![[0.0; 6]; n],
+            thermistor_nt: vec![[0.0; 3]; n],
             common_nt2: vec![[0.0; 6]; n],
             ..Block::default()
         }

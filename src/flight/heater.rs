@@ -30,6 +30,7 @@ mod edges;
 mod learning;
 mod screen;
 mod states;
+mod table;
 
 use std::ops::Range;
 
@@ -40,6 +41,7 @@ use rayon::prelude::*;
 pub use cells::Cells;
 pub use closing::close;
 pub use learning::learn;
+pub use table::{TableTimes, table_times};
 
 use background::Background;
 use cells::Profile;

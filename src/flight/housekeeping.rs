@@ -37,6 +37,20 @@ pub fn negative_v(count: f64) -> f64 {
     -5.0 + signed8(count) * 256.0 * 2.4996 / (1_048_575.0 * 27_400.0 / 127_424.0)
 }
 
+/// Of fewer readings nothing is said, and so of a smaller part of them that differ: the field turns within seconds when a boom moves.
+const LEAST_READINGS: usize = 20;
+const LEAST_PART: f64 = 0.1;
+
+/// Readings of the housekeeping that differ from those of the telemetry by more than `floor` and a part of these; how many, and by how much at
+/// most. `None` where they are few.
+#[must_use]
+pub fn differing(pairs: &[[f64; 2]], floor: f64, part: f64) -> Option<(usize, f64)> {
+    let differences = pairs.iter().filter(|[own, telemetry]| (own - telemetry).abs() > floor + part * telemetry.abs());
+    let (count, most) = differences.fold((0, 0.0_f64), |(n, most), [own, telemetry]| (n + 1, most.max((own - telemetry).abs())));
+    let is_enough = pairs.len() >= LEAST_READINGS && count as f64 >= LEAST_PART * pairs.len() as f64;
+    is_enough.then_some((count, most))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -52,5 +66,15 @@ mod tests {
         assert!((field_ent(32_768.0) + 16_384.0).abs() < 1e-9 && (field_ent(32_767.0) - 16_384.0).abs() < 1e-9);
         assert!((field_ent(0.0) - 0.25).abs() < 1e-3);
         assert!((reference_v(0.0)).abs() < 1e-5);
+    }
+
+    #[test]
+    fn readings_that_differ_now_and_then_are_not_told() {
+        // Of 40 readings some have another scale.
+        let pairs = |wrong: usize| (0..40).map(|k| [if k < wrong { 220.0 } else { 205.0 }, 200.0]).collect::<Vec<[f64; 2]>>();
+        assert_eq!(differing(&pairs(4), 5.0, 0.05), Some((4, 20.0)));
+        assert_eq!(differing(&pairs(3), 5.0, 0.05), None);
+        assert_eq!(differing(&pairs(40), 10.0, 0.05), None);
+        assert_eq!(differing(&pairs(40)[..19], 5.0, 0.05), None);
     }
 }

@@ -7,6 +7,7 @@
 pub mod assemble;
 pub mod attitude;
 pub mod calm;
+pub mod comparison;
 pub mod counts;
 pub mod daily;
 pub mod daily_fit;
@@ -47,8 +48,12 @@ pub struct Block {
     pub range: Vec<u8>,
     /// Flags.
     pub flags: Vec<u32>,
-    /// Covariance that is independent from vector to vector, nT², in the order of `SYMMETRIC`; empty if it is not wanted.
+    /// Covariance of a vector that others do not share as a whole, nT², in the order of `SYMMETRIC`: noise of the reading and error of the
+    /// thermistor; empty if it is not wanted.
     pub own_nt2: Vec<[f32; 6]>,
+    /// Change of the field with one standard uncertainty of the thermistor reading, nT: this part of `own_nt2` all vectors share that have the
+    /// same reading. Empty if it is not wanted.
+    pub thermistor_nt: Vec<[f32; 3]>,
     /// Covariance that all vectors share, nT²; empty if it is not wanted.
     pub common_nt2: Vec<[f32; 6]>,
 }
@@ -75,7 +80,10 @@ impl Block {
     /// Some of its vectors.
     #[must_use]
     pub fn part(&self, rows: &std::ops::Range<usize>) -> Block {
-        let cut = |list: &[[f32; 6]]| list.get(rows.clone()).map(<[_]>::to_vec).unwrap_or_default();
+        fn cut<T: Clone>(list: &[T], rows: &std::ops::Range<usize>) -> Vec<T> {
+            list.get(rows.clone()).map(<[_]>::to_vec).unwrap_or_default()
+        }
+        let uncertain = (cut(&self.own_nt2, rows), cut(&self.thermistor_nt, rows), cut(&self.common_nt2, rows));
         let rows = rows.clone();
         Block {
             time: self.time[rows.clone()].to_vec(),
@@ -87,8 +95,9 @@ impl Block {
             quality: self.quality[rows.clone()].to_vec(),
             range: self.range[rows.clone()].to_vec(),
             flags: self.flags[rows].to_vec(),
-            own_nt2: cut(&self.own_nt2),
-            common_nt2: cut(&self.common_nt2),
+            own_nt2: uncertain.0,
+            thermistor_nt: uncertain.1,
+            common_nt2: uncertain.2,
         }
     }
 
@@ -102,6 +111,9 @@ impl Block {
             if let Some(place) = own.get_mut(rows.clone()) {
                 place.copy_from_slice(other);
             }
+        }
+        if let Some(place) = self.thermistor_nt.get_mut(rows) {
+            place.copy_from_slice(&part.thermistor_nt);
         }
     }
 
@@ -125,6 +137,9 @@ impl Block {
                 *covariance = [f32::NAN; 6];
             }
         }
+        if let Some(change) = self.thermistor_nt.get_mut(row) {
+            *change = [f32::NAN; 3];
+        }
     }
 
     /// Turns the covariances of a vector.
@@ -133,6 +148,11 @@ impl Block {
             if let Some(covariance) = list.get_mut(row) {
                 *covariance = turned(rotation, covariance);
             }
+        }
+        if let Some(change) = self.thermistor_nt.get_mut(row) {
+            let turned = rotation * nalgebra::Vector3::from(change.map(f64::from));
+            #[expect(clippy::cast_possible_truncation, reason = "uncertainties need few digits")]
+            (0..3).for_each(|i| change[i] = turned[i] as f32);
         }
     }
 }

@@ -5,7 +5,8 @@ use super::Block;
 use super::temperature::{Thermometer, packets};
 use crate::data::flags::Flags;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
-use crate::record::temperature_faults::jumps_of;
+use crate::fit::statistics::median;
+use crate::record::temperature_faults::{jumps_of, off_level};
 use std::ops::Range;
 
 /// As many equal counts in a row stand still: noise and rotation change some of them.
@@ -18,8 +19,12 @@ const OUTSTANDING: f64 = 50.0;
 const LEAST_COUNTS: f64 = 20.0;
 /// Its neighbours agree with each other within this part of it.
 const AGREE: f64 = 0.1;
-/// A jump returns whose temperature comes back to this part of it.
-const RETURNS: f64 = 0.3;
+/// The time between vectors is taken over so many of them at once, since tags are rounded.
+const IN_ONE: usize = 16;
+/// Of fewer vectors of a mode it is not judged.
+const LEAST_VECTORS: usize = 40;
+/// It may differ by this part from the rate that the mode states: clocks run wrong by less than a thousandth.
+const OF_RATE: f64 = 5e-3;
 /// Every so many differences are enough to know their usual size.
 const STRIDE: usize = 13;
 
@@ -49,8 +54,33 @@ pub fn notes(blocks: &[Block], span: &Range<Tt2000>, names: [&str; 4]) -> Vec<St
     notes
 }
 
-/// Looks for jumps of the temperature from packet to packet that are more than a thermistor can do. The vectors of a stretch from a jump until
-/// it returns, or to the end where it does not, get the flag TEMPERATURE; gives a note where there are some. `packet_ns` are the lengths of the
+/// Notes on modes whose vectors follow each other in another time than their rate has it; `modes` are the names and rates, Hz, of all modes, a
+/// rate absent where it is not known.
+#[must_use]
+pub fn cadences(blocks: &[Block], span: &Range<Tt2000>, modes: &[(&str, Option<f64>)]) -> Vec<String> {
+    let mut times: Vec<Vec<Tt2000>> = vec![Vec::new(); modes.len()];
+    for block in blocks {
+        block.rows_in(span).for_each(|row| times[usize::from(block.mode[row])].push(block.time[row]));
+    }
+    let told = |(times, (sid, rate_hz)): (&Vec<Tt2000>, &(&str, Option<f64>))| {
+        let rate_hz = rate_hz.filter(|_| times.len() >= LEAST_VECTORS)?;
+        // Half of them lie in no gap.
+        #[expect(clippy::cast_precision_loss, reason = "differences of times")]
+        let step_s = |pair: &[Tt2000]| (pair[IN_ONE] - pair[0]) as f64 / (IN_ONE as f64 * SECOND_NS as f64);
+        let step_s = median(&mut times.windows(IN_ONE + 1).map(step_s).collect::<Vec<f64>>());
+        ((step_s * rate_hz - 1.0).abs() > OF_RATE).then(|| {
+            format!(
+                "vectors of mode {sid} follow each other every {step_s:.4} s, and its rate has {:.4} s: their mode, and with it their time shift, \
+                 or their times are wrong",
+                1.0 / rate_hz
+            )
+        })
+    };
+    times.iter().zip(modes).filter_map(told).collect()
+}
+
+/// Looks for jumps of the temperature from packet to packet that are more than a thermistor can do. The vectors of stretches between them that
+/// stand on another level than most of the day get the flag TEMPERATURE; gives a note where there are some. `packet_ns` are the lengths of the
 /// packets of every mode.
 pub fn temperature_jumps(
     blocks: &mut [Block],
@@ -70,17 +100,10 @@ pub fn temperature_jumps(
     let length_ns = |row: usize| packet_ns.get(usize::from(modes[row])).copied().unwrap_or(0);
     let readings = packets(&times, &counts, length_ns).into_iter().map(|rows| (since_s(times[rows.start]), counts[rows.start]));
     let readings = readings.map(|(t_s, count)| (t_s, thermometer.degc(count))).filter(|(_, degc)| degc.is_finite());
-    let jumps = jumps_of(readings.collect());
+    let readings: Vec<(f64, f64)> = readings.collect();
+    let jumps = jumps_of(readings.clone());
     let largest = jumps.iter().copied().reduce(|a, b| if b.1.abs() > a.1.abs() { b } else { a })?;
-    // From a jump to the next one that takes it back.
-    let mut spans: Vec<(f64, Option<f64>)> = Vec::new();
-    let mut next = 0;
-    while let Some((from_s, by_k)) = jumps.get(next).copied() {
-        let back = jumps[next + 1..].iter().find(|(_, other)| (by_k + other).abs() <= RETURNS * by_k.abs());
-        let until_s = back.map(|(t_s, _)| *t_s);
-        spans.push((from_s, until_s));
-        next += 1 + jumps[next + 1..].iter().take_while(|(t_s, _)| until_s.is_none_or(|until| *t_s <= until)).count();
-    }
+    let spans = off_level(&readings, &jumps);
     let (mut flagged, mut next) = (0, 0);
     for block in blocks.iter_mut() {
         for row in block.rows_in(span) {
@@ -97,10 +120,9 @@ pub fn temperature_jumps(
     #[expect(clippy::cast_possible_truncation, reason = "times within a day")]
     let at = |t_s: f64| leap.utc(begin + (t_s * SECOND_NS as f64).round() as i64);
     let (times, most) = if jumps.len() == 1 { ("once".to_owned(), "") } else { (format!("{} times", jumps.len()), "most ") };
-    let stays = spans.iter().any(|(_, until)| until.is_none());
-    let until = if stays { "until it returns, or to the end of the day where it does not" } else { "until it returns" };
     Some(format!(
-        "`{name}` jumps {times} by more than a thermistor can do, {most}by {:+.1} K at {}: {flagged} vectors {until} have the flag TEMPERATURE",
+        "`{name}` jumps {times} by more than a thermistor can do, {most}by {:+.1} K at {}: {flagged} vectors on another level than most have the flag \
+         TEMPERATURE",
         largest.1,
         at(largest.0)
     ))
@@ -184,12 +206,42 @@ mod tests {
             note.starts_with("`t_ob` jumps 2 times by more than a thermistor can do, most by +4.0 K at 2000-01-01T12:25:"),
             "{note}"
         );
-        assert!(note.ends_with("160 vectors until it returns have the flag TEMPERATURE"), "{note}");
+        assert!(note.ends_with("160 vectors on another level than most have the flag TEMPERATURE"), "{note}");
         let (_, flagged) = found(warming(|i| if (1600..1616).contains(&i) || (2400..2416).contains(&i) { -1000.0 } else { 0.0 }));
         assert_eq!(flagged, (1600..1616).chain(2400..2416).collect::<Vec<_>>());
         let (note, flagged) = found(warming(|i| if i >= 3200 { 2000.0 } else { 0.0 }));
         assert_eq!(flagged, (3200..4000).collect::<Vec<_>>());
         assert!(note.unwrap().contains("jumps once by more than a thermistor can do, by +20.0 K"));
+        // The first packet alone; the last one of the day and one of its middle; one before and one behind a gap of ten minutes.
+        let (note, flagged) = found(warming(|i| if i < 16 { -1000.0 } else { 0.0 }));
+        assert_eq!((flagged, note.is_some()), ((0..16).collect::<Vec<_>>(), true));
+        let (_, flagged) = found(warming(|i| if i >= 3984 || (2400..2416).contains(&i) { -1000.0 } else { 0.0 }));
+        assert_eq!(flagged, (2400..2416).chain(3984..4000).collect::<Vec<_>>());
+        for bad in [1584..1600, 1600..1616] {
+            let mut block = warming(|i| if bad.contains(&i) || (2400..2416).contains(&i) { 700.0 } else { 0.0 });
+            block.time[1600..].iter_mut().for_each(|time| *time += 600 * SECOND_NS);
+            assert_eq!(found(block).1, bad.chain(2400..2416).collect::<Vec<_>>());
+        }
+    }
+
+    #[test]
+    fn vectors_of_another_cadence_than_their_mode_are_told() {
+        // 20 Hz with tags in whole milliseconds of a clock that is fast by 1e-4, 2 of 100 vectors lost, then 1 Hz, then few of 5 Hz.
+        let times = |cadence_s: f64| -> Block {
+            let fast = (0..2000).filter(|i| i % 50 != 3).map(|i| ((i as f64 * cadence_s * 1.0001 * 1e3).round() * 1e6) as i64);
+            let slow = (0..100).map(|i| (300 + i) * SECOND_NS);
+            let few = (0..30).map(|i| 500 * SECOND_NS + i * SECOND_NS);
+            let mode = [0].repeat(1960).into_iter().chain([1].repeat(100)).chain([2].repeat(30));
+            Block { time: fast.chain(slow).chain(few).collect(), mode: mode.collect(), ..Block::default() }
+        };
+        let of = |cadence_s: f64, slow_hz: Option<f64>| {
+            let modes = [("SID3", Some(20.0)), ("SID2", slow_hz), ("SID4", Some(5.0))];
+            cadences(&[times(cadence_s)], &(0..i64::MAX), &modes)
+        };
+        assert!(of(0.05, Some(1.0)).is_empty() && of(0.05, None).is_empty());
+        let found = of(0.0505, Some(20.0));
+        assert!(found.len() == 2 && found[0].starts_with("vectors of mode SID3 follow each other every 0.0505 s"), "{found:?}");
+        assert!(found[1].contains("SID2 follow each other every 1.0000 s, and its rate has 0.0500 s"), "{found:?}");
     }
 
     fn block(x: impl Fn(usize) -> f64, n: usize) -> Block {

@@ -99,6 +99,7 @@ pub fn together(runs: &[&CalibratedRun], near_degc: Option<f64>) -> Option<(Cali
     let mut point = first.clone();
     if used.len() > 1 {
         point.file = files.join(", ");
+        point.notes = used.iter().flat_map(|p| p.notes.iter().cloned()).collect();
         point.run.id = used.iter().map(|p| p.run.id.as_str()).collect::<Vec<_>>().join(", ");
         point.run.temperature_degc = Some(used.iter().filter_map(|p| degc(p)).sum::<f64>() / used.len() as f64);
         match &mut point.values {

@@ -43,6 +43,12 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     let span_s = span_s(&prepared.used(order)?);
     let mut of_temperatures: Vec<Note> = Vec::new();
     let mut temperatures = Temperatures::of(run, instructions, span_s, &mut of_temperatures);
+    if let Some((lag, polynomials)) = options.temperature.as_ref().and_then(|own| own.lag.zip(Some(own))) {
+        let file = &polynomials.input.path;
+        if !temperatures.follow(lag, file, span_s, &mut of_temperatures) {
+            return Err(LinError::LagUnknown { file: file.clone(), lag_s: lag.seconds() });
+        }
+    }
     let moving = Moving::of(&prepared.list, &temperatures, span_s);
     let origin = origin(run, instructions, options, &temperatures, moving.as_ref(), &mut of_temperatures)?;
     let before: Vec<Reading> = prepared.list.iter().map(|p| p.mean).collect();
@@ -100,6 +106,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         notes.extend(judge::structure_of(&temperatures, &prepared.list, &used, &means, &noise));
     }
     notes.extend(judge::rounding_of(&used, &noise));
+    notes.extend(judge::few_means(&noise, fitted.solution.dof));
     conditions::warn_of_slow_noise(&mut notes, &noise, span_s);
 
     let mut calibration = LinearCalibration {

@@ -22,7 +22,7 @@ use crate::data::offset::{OffsetFound, OffsetQuality, OffsetValues, PositionVisi
 use crate::data::plateau::{Cut, Plateau, Plateaus};
 use crate::data::provenance::Input;
 use crate::data::result::Dropped;
-use crate::data::run::{Kind, Run};
+use crate::data::run::{Kind, Run, interpolate};
 use crate::model::applied::ModelApplied;
 use crate::model::campaign::Instructions;
 use crate::model::facility::{Facility, FacilityApplied};
@@ -35,6 +35,9 @@ use levels::{Levels, check_components};
 use serde::{Deserialize, Serialize};
 use solved::Solved;
 use stay::{Stay, pooled, stays};
+
+/// What thermometers tell, K.
+const LEAST_DIFFERENCE_K: f64 = 0.02;
 
 /// How an offset analysis is made.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -93,6 +96,9 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     if plateaus.list.is_empty() {
         return Err(OffsetError::NoPlateaus);
     }
+    if plateaus.lack_samples(run) {
+        return Err(OffsetError::NoSamples { total: plateaus.list.len() });
+    }
     if !options.allow_mismatch {
         screens::edges(plateaus)?;
     }
@@ -110,7 +116,11 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     let stays = pooled(visits_made);
     let levels = Levels::measure(&stays)?;
     check_components(&stays, &levels, options.allow_mismatch, &mut notes)?;
-    let mut solved = Solved::of(&stays, &levels)?;
+    let span_s = [stays.first().map_or(0.0, |s| s.time_s()[0]), stays.last().map_or(0.0, |s| s.time_s()[1])];
+    let mut of_temperatures = Vec::new();
+    let temperatures = Temperatures::of(run, instructions, span_s, &mut of_temperatures);
+    let visits_degc = temperatures.sensor_degc().map(|_| temperatures_of_visits(&stays, &temperatures));
+    let mut solved = Solved::of(&stays, &levels, visits_degc.as_deref())?;
     if let Some(taken) = &taken {
         taken.widen(&plateaus, instructions, &levels, &mut solved)?;
     }
@@ -119,7 +129,6 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
         return Err(OffsetError::NoPairs(reasons.join("; ")));
     }
 
-    let span_s = [stays.first().map_or(0.0, |s| s.time_s()[0]), stays.last().map_or(0.0, |s| s.time_s()[1])];
     notes.extend(solved.notes(&levels));
     notes.extend(levels.notes.iter().cloned());
     if stays.len() < made {
@@ -129,8 +138,9 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
         );
         notes.push(Note::new(NoteKind::Method, text));
     }
-    let temperatures = Temperatures::of(run, instructions, span_s, &mut notes);
-    notes.extend(temperatures.moved_k().map(moved));
+    notes.extend(of_temperatures);
+    solved.values.offset_degc = visits_degc.and_then(|degc| temperatures_of_offsets(&solved, &degc, &temperatures));
+    notes.extend(temperatures.moved_k().map(|range_k| moved(range_k, solved.values.offset_degc.as_ref())));
     conditions::warn_of_plateaus(&mut notes, run, &plateaus);
     conditions::warn_of_run(&mut notes, run, instructions);
     let moved = facility.as_ref().filter(|driven| !driven.moved.is_empty());
@@ -164,11 +174,33 @@ pub fn offset(run: &Run, plateaus: &Plateaus, instructions: &Instructions, optio
     Ok(offset)
 }
 
+/// Sensor temperatures of the visits, °C.
+fn temperatures_of_visits(stays: &[Stay], temperatures: &Temperatures) -> Vec<f64> {
+    let of_visit = |stay: &Stay| {
+        let degc = stay.plateaus.iter().map(|p| interpolate(&temperatures.sensor, p.t_s()));
+        degc.sum::<f64>() / stay.plateaus.len() as f64
+    };
+    stays.iter().map(of_visit).collect()
+}
+
+/// Temperatures at which the offsets hold, °C: an offset that follows the temperature in a straight line is what it is there. `None` where they are
+/// those of the run within what thermometers tell.
+fn temperatures_of_offsets(solved: &Solved, visits_degc: &[f64], temperatures: &Temperatures) -> Option<[f64; 3]> {
+    let [_, mean_degc, _] = temperatures.sensor_degc()?;
+    let of = |counts: &Vec<f64>| counts.iter().zip(visits_degc).map(|(count, degc)| count * degc).sum::<f64>();
+    let degc = solved.counts_by_visit.each_ref().map(of);
+    degc.iter().any(|t| (t - mean_degc).abs() > LEAST_DIFFERENCE_K).then_some(degc)
+}
+
 /// Says of a sensor temperature that moved what it means.
-fn moved(range_k: f64) -> Note {
+fn moved(range_k: f64, offset_degc: Option<&[f64; 3]>) -> Note {
+    let offsets = offset_degc.map_or_else(String::new, |degc| {
+        let each: Vec<String> = degc.iter().map(|t| format!("{t:.2}")).collect();
+        format!(", the offsets at {} °C", each.join(", "))
+    });
     let text = format!(
-        "the sensor temperature moved by {range_k:.1} K during the run: offset and residual field hold at its mean temperature; what the \
-         offset follows of the temperature from one position to the next is in no uncertainty"
+        "the sensor temperature moved by {range_k:.1} K during the run: offset and residual field hold at its mean temperature{offsets}; what the \
+         offset follows of the temperature from one position to the next beside a straight line is in no uncertainty"
     );
     Note::new(NoteKind::Temperature, text).with_remedy("measure at a steady temperature")
 }

@@ -21,7 +21,7 @@ const LEFT: f64 = 0.02;
 /// Fewer degrees of freedom than these tell no dependence from noise.
 const LEAST_FREEDOM: usize = 12;
 
-/// What follows the steps of the field stands out of the noise of the fit by so many standard deviations at least.
+/// What all axes do alike stands out of the noise of the fit by so many standard deviations at least.
 const BESIDE_NOISE: f64 = 3.0;
 /// Time constants of what may follow the steps of the field, over the usual duration of a row.
 const FOLLOWS: [f64; 5] = [0.5, 1.5, 5.0, 15.0, 50.0];
@@ -64,6 +64,16 @@ impl<'a> Rows<'a> {
             columns,
             noise,
         }
+    }
+}
+
+impl Rows<'_> {
+    /// Middles of the rows, from -1 to 1.
+    fn mapped_times(&self) -> DVector<f64> {
+        let middle = |i: usize| 0.5 * (self.used_s[i][0] + self.used_s[i][1]);
+        let n = self.used_s.len();
+        let (begin, end) = (middle(0), middle(n - 1));
+        DVector::from_fn(n, |i, _| if end > begin { 2.0 * (middle(i) - begin) / (end - begin) - 1.0 } else { 0.0 })
     }
 }
 
@@ -125,6 +135,7 @@ impl<'a> Beside<'a> {
             variance: noise.variance_of(&column),
             squares,
             residual: residual.norm_squared(),
+            column,
         })
     }
 
@@ -150,11 +161,18 @@ struct Along {
     /// Squares of the column, and of the residuals.
     squares: f64,
     residual: f64,
+    /// The column, beside the fit.
+    column: DVector<f64>,
 }
 
 /// Whether noise makes the largest of so many scores seldom.
 pub(super) fn is_no_noise(score: f64, freedom: usize, trials: usize) -> bool {
-    freedom >= LEAST_FREEDOM && student_tail(score, freedom).is_some_and(|tail| 2.0 * tail * (trials as f64) < SIGNIFICANT)
+    freedom >= LEAST_FREEDOM && is_seldom(score, freedom, trials)
+}
+
+/// The same of however few degrees of freedom.
+fn is_seldom(score: f64, freedom: usize, trials: usize) -> bool {
+    student_tail(score, freedom).is_some_and(|tail| 2.0 * tail * (trials as f64) < SIGNIFICANT)
 }
 
 /// Notes about residuals that depend on something.
@@ -167,40 +185,98 @@ pub(super) fn notes(rows: &Rows) -> Vec<Note> {
     dependence(rows, &beside, freedom).into_iter().chain(history(rows, &beside, freedom)).collect()
 }
 
-/// Says that the readings follow the steps of the field slowly. A part of every step that comes later, the same on all axes, is looked for on all of
-/// them together; on one of them it may be far below the noise and yet many times the uncertainty of a sensitivity.
-fn history(rows: &Rows, beside: &Beside, freedom: usize) -> Option<Note> {
-    let usual_s = median(&mut rows.used_s.iter().map(|[begin, end]| end - begin).collect::<Vec<f64>>());
-    let of = |times: f64| {
-        let tau_s = times * usual_s;
-        let axes: Vec<Along> = (0..3).filter_map(|a| beside.along(a, DVector::from_vec(follows(rows, a, tau_s)))).collect();
-        let sum = |value: fn(&Along) -> f64| axes.iter().map(value).sum::<f64>();
+/// What the residuals of all components have of one trial column each.
+struct Alike {
+    /// Standard deviations of what is left, and of the noise of the fit.
+    score: f64,
+    beside_noise: f64,
+    /// Standard deviations of what is left in the rows where the columns are large, and its degrees of freedom.
+    in_place: f64,
+    freedom_in_place: usize,
+    /// Part of the columns.
+    part: f64,
+}
+
+impl Alike {
+    /// Of trial columns of the components; none where they say nothing.
+    fn of(beside: &Beside, freedom: usize, raw: impl Fn(usize) -> DVector<f64>) -> Option<Self> {
+        let axes: Vec<(usize, Along)> = (0..3).filter_map(|a| Some((a, beside.along(a, raw(a))?))).collect();
+        let sum = |value: fn(&Along) -> f64| axes.iter().map(|(_, along)| value(along)).sum::<f64>();
         let (product, variance) = (sum(|a| a.product), sum(|a| a.variance));
         let (squares, residual) = (sum(|a| a.squares), sum(|a| a.residual));
+        let part = product / squares;
         // The noise of the fit may have taken the dependence for noise: that of what is left beside it tells more. Slow noise is in the former alone.
-        let explained = product * product / squares;
+        let explained = product * part;
         let dof = (axes.len() * freedom) as f64;
         let score = (explained * dof / (residual - explained)).sqrt();
-        (score, product.abs() / variance.sqrt(), -product / squares, tau_s)
+        // A source that is wrong by a part of its setting scatters where the columns are large.
+        let (mut scatter, mut fourth) = (0.0, 0.0);
+        for (a, along) in &axes {
+            for (i, c) in along.column.iter().enumerate() {
+                let taken = beside.base.row(i).norm_squared();
+                let left = beside.components[*a].0[i] - part * c;
+                scatter += (c * left).powi(2) / (1.0 - taken).max(LEFT);
+                fourth += c.powi(4);
+            }
+        }
+        let in_place = product.abs() / scatter.sqrt();
+        let alike = Self {
+            score,
+            beside_noise: product.abs() / variance.sqrt(),
+            in_place,
+            freedom_in_place: (squares.powi(2) / fourth) as usize,
+            part,
+        };
+        [alike.score, alike.in_place].iter().all(|s| s.is_finite()).then_some(alike)
+    }
+
+    /// Whether noise makes it seldom.
+    fn is_seen(&self, freedom: usize) -> bool {
+        self.beside_noise > BESIDE_NOISE
+            && is_no_noise(self.score, 3 * freedom, FOLLOWS.len() + 1)
+            && is_seldom(self.in_place, self.freedom_in_place, FOLLOWS.len() + 1)
+    }
+}
+
+/// Says that the readings of all axes do something alike, which on one of them may be far below the noise and yet many times the uncertainty of a
+/// sensitivity: they follow the steps of the field slowly, or grow with time in proportion to themselves.
+fn history(rows: &Rows, beside: &Beside, freedom: usize) -> Option<Note> {
+    let usual_s = median(&mut rows.used_s.iter().map(|[begin, end]| end - begin).collect::<Vec<f64>>());
+    let following = |times: f64| {
+        let tau_s = times * usual_s;
+        Some((Alike::of(beside, freedom, |a| DVector::from_vec(follows(rows, a, tau_s)))?, tau_s))
     };
-    let all = FOLLOWS.map(of);
-    let (score, beside_noise, part, tau_s) =
-        *all.iter().filter(|(score, ..)| score.is_finite()).max_by(|a, b| a.0.total_cmp(&b.0))?;
-    (beside_noise > BESIDE_NOISE && is_no_noise(score, 3 * freedom, FOLLOWS.len())).then(|| {
+    let slow = FOLLOWS.into_iter().filter_map(following).max_by(|a, b| a.0.score.total_cmp(&b.0.score));
+    let mapped = rows.mapped_times();
+    let drift = Alike::of(beside, freedom, |a| rows.readings_ent.column(a).component_mul(&mapped));
+    let seen = |alike: &Alike| alike.is_seen(freedom);
+    let drifts = drift.filter(seen).filter(|d| slow.as_ref().is_none_or(|(s, _)| d.score > s.score));
+    if let Some(Alike { score, part, .. }) = drifts {
         let text = format!(
-            "the readings of all axes depend on the steps of the field before ({score:.1} standard deviations), as where {part:+.1e} of every step comes \
-             later with a time constant of about {tau_s:.0} s; what that does to the sensitivities is in no uncertainty: run calfit diagnose"
+            "the readings of all axes grow with time in proportion to themselves ({score:.1} standard deviations), by {:+.1e} in the run: source or \
+             sensor drifts, and sensitivities of axes that were driven one after the other differ by a part of that which is in no uncertainty: run \
+             calfit diagnose",
+            2.0 * part
         );
-        Note::new(NoteKind::Fit, text).with_remedy("hold the fields longer")
-    })
+        return Some(
+            Note::new(NoteKind::Fit, text)
+                .with_remedy("repeat the settings of the first axis at the end, and let the source warm up"),
+        );
+    }
+    let (Alike { score, part, .. }, tau_s) = slow.filter(|(alike, _)| seen(alike))?;
+    let text = format!(
+        "the readings of all axes depend on the steps of the field before ({score:.1} standard deviations), as where {:+.1e} of every step comes \
+         later with a time constant of about {tau_s:.0} s; what that does to the sensitivities is in no uncertainty: run calfit diagnose",
+        -part
+    );
+    Some(Note::new(NoteKind::Fit, text).with_remedy("hold the fields longer"))
 }
 
 /// The note about residuals that depend on something, naming the dependence with the least probability of being noise.
 fn dependence(rows: &Rows, beside: &Beside, freedom: usize) -> Option<Note> {
     let n = rows.readings_ent.nrows();
-    let middle = |u: &[f64; 2]| 0.5 * (u[0] + u[1]);
-    let (begin, end) = (middle(rows.used_s.first()?), middle(rows.used_s.last()?));
-    let tau = |i: usize| if end > begin { 2.0 * (middle(&rows.used_s[i]) - begin) / (end - begin) - 1.0 } else { 0.0 };
+    let mapped = rows.mapped_times();
+    let tau = |i: usize| mapped[i];
     let x = |i: usize, a: usize| rows.readings_ent[(i, a)];
     let moves = rows.degc.as_ref().filter(|degc| degc.iter().all(|v| v.is_finite()));
 

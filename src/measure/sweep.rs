@@ -26,7 +26,7 @@ pub use result::{SettingCounts, Sweep, SweepBlock, Turning, WindowFit};
 
 use super::structure;
 use super::thermal::{QuantityFit, band};
-use crate::data::across::{LagDecision, LinearScope};
+use crate::data::across::{FollowedThermistor, LagDecision, LinearScope};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::quantity::QuantityFound;
@@ -180,6 +180,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
             valid_field_nt: Some(field_range_nt(&used, &r_nom)),
             linearisation: None,
             known_effects: model.iter().map(|m| m.part.file.clone()).collect(),
+            thermistor_lag: FollowedThermistor::of(&settled.applied),
         },
         quantities: (0..QUANTITIES.len()).map(quantity).collect(),
         together,

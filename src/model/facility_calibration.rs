@@ -123,6 +123,9 @@ pub struct ResidualFound {
     pub facility: FacilityParameters,
     /// Standard uncertainties; nan for what is not measured.
     pub std: FacilityParameters,
+    /// Covariance of the offset fields that were measured; files of earlier versions have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub covariance: Option<Covariance>,
     /// States of the facility in their order.
     pub state: Vec<ResidualState>,
 }

@@ -109,6 +109,9 @@ pub struct FieldRange {
 pub struct Turn {
     /// `B_to = rotation · B_sensor`.
     pub rotation: Matrix3<f64>,
+    /// The convention whose sensor frame it starts from, where that is not the frame of the matrix: the two are turned against each other as
+    /// the angles are at a temperature.
+    pub from_other: Option<Convention>,
     /// Standard uncertainty about each of its axes, radians.
     pub std_rad: f64,
 }
@@ -329,7 +332,13 @@ impl FieldCalibration {
                 omega * Matrix3::from_diagonal(&Vector3::from(self.three(Parameter::Sigma, degc)))
             }
         };
-        Some(self.parts.turn.map_or(matrix, |turn| turn.rotation * matrix))
+        Some(self.rotation(&matrix) * matrix)
+    }
+
+    /// From the frame of a matrix to that of the result. The sensitivities, factors of its columns, are in it or not: they turn nothing.
+    fn rotation(&self, matrix: &Matrix3<f64>) -> Matrix3<f64> {
+        let Some(turn) = &self.parts.turn else { return Matrix3::identity() };
+        turn.from_other.map_or(turn.rotation, |convention| turn.rotation * convention.frame_of(matrix))
     }
 
     fn three(&self, of: fn(usize) -> Parameter, degc: f64) -> [f64; 3] {
@@ -362,13 +371,13 @@ impl FieldCalibration {
         if reading.0.iter().any(|r| !r.is_finite()) {
             return found;
         }
-        if let Ok((field, std)) = self.field_and_std(reading, degc) {
-            if self.is_beyond(reading, &field) {
+        let measured = Vector3::from(self.linearised_ent(reading)) - Vector3::from(self.three(Parameter::Offset, degc));
+        if let Ok(slopes) = self.field_and_slopes(measured, degc) {
+            if self.is_beyond(reading, &slopes.field) {
                 found.flags |= Flags::FIELD;
             }
-            let turned = self.parts.turn.map_or(field, |turn| turn.rotation * field);
-            found.field_nt = turned.into();
-            found.std_nt = std;
+            found.field_nt = (slopes.rotation * slopes.field).into();
+            found.std_nt = self.std_nt(slopes, degc);
         }
         found
     }
@@ -390,21 +399,10 @@ impl FieldCalibration {
         }
     }
 
-    /// The field in the frame of the matrix, and its standard uncertainty in that of the result.
-    fn field_and_std(&self, reading: Reading, degc: f64) -> Result<(Vector3<f64>, [f64; 3]), PlanarAxes> {
-        let measured = Vector3::from(self.linearised_ent(reading)) - Vector3::from(self.three(Parameter::Offset, degc));
-        let (field, by) = self.field_and_slopes(measured, degc)?;
-        Ok((field, self.std_nt(&field, by, degc)))
-    }
-
-    /// The field of a linearised reading without its offset in the frame of the matrix, and its derivatives by all parameters.
-    fn field_and_slopes(
-        &self,
-        measured: Vector3<f64>,
-        degc: f64,
-    ) -> Result<(Vector3<f64>, [Vector3<f64>; PARAMETERS]), PlanarAxes> {
+    /// The field of a linearised reading without its offset, and its derivatives by all parameters.
+    fn field_and_slopes(&self, measured: Vector3<f64>, degc: f64) -> Result<Slopes, PlanarAxes> {
         let mut by = [Vector3::zeros(); PARAMETERS];
-        let field = match self.matrix {
+        let (field, rotation) = match self.matrix {
             MatrixForm::Whole => {
                 let matrix = self.square(Parameter::Matrix, degc);
                 for i in 0..3 {
@@ -413,7 +411,7 @@ impl FieldCalibration {
                         by[Parameter::Matrix(row, i).index()][row] = measured[i];
                     }
                 }
-                matrix * measured
+                (matrix * measured, self.rotation(&matrix))
             }
             MatrixForm::Alignment(convention) => {
                 let sigma = Vector3::from(self.three(Parameter::Sigma, degc));
@@ -435,23 +433,35 @@ impl FieldCalibration {
                     by[Parameter::Sigma(i).index()] = matrix.column(i) * measured[i];
                     by[Parameter::Xi(i).index()] = slopes[i] * inner;
                 }
-                omega * inner
+                let field = omega * inner;
+                if let Some(other) = self.parts.turn.and_then(|turn| turn.from_other) {
+                    let k_inverse = if self.with_k { self.square(Parameter::KInverse, degc) } else { Matrix3::identity() };
+                    for i in 0..3 {
+                        by[Parameter::Xi(i).index()] += spin(other, &matrix, &(slopes[i] * k_inverse)) * field;
+                    }
+                    for element in (0..9).filter(|_| self.with_k) {
+                        let mut change = Matrix3::zeros();
+                        change.set_column(element % 3, &omega.column(element / 3));
+                        by[Parameter::KInverse(element / 3, element % 3).index()] += spin(other, &matrix, &change) * field;
+                    }
+                }
+                (field, self.rotation(&matrix))
             }
         };
-        Ok((field, by))
+        Ok(Slopes { field, rotation, by })
     }
 
-    fn std_nt(&self, field: &Vector3<f64>, mut by: [Vector3<f64>; PARAMETERS], degc: f64) -> [f64; 3] {
+    fn std_nt(&self, Slopes { field, rotation, mut by }: Slopes, degc: f64) -> [f64; 3] {
         if self.parts.covariance.is_none() {
             return [f64::NAN; 3];
         }
         let mut variance = Vector3::zeros();
         if let Some(turn) = &self.parts.turn {
             for (column, _) in by.iter_mut().zip(&self.uncertain).filter(|(_, uncertain)| **uncertain) {
-                *column = turn.rotation * *column;
+                *column = rotation * *column;
             }
             // Turned by small angles about the three axes, each component takes what stands across it.
-            let turned = turn.rotation * field;
+            let turned = rotation * field;
             let across = turned.map(|component| turned.norm_squared() - component * component);
             variance += across * (turn.std_rad * turn.std_rad);
         }
@@ -464,6 +474,31 @@ impl FieldCalibration {
         // Rounding may make a variance near zero negative; `max` would turn NaN into zero.
         variance.map(|v| if v < 0.0 { 0.0 } else { v.sqrt() }).into()
     }
+}
+
+/// The field of a reading, and what it follows.
+struct Slopes {
+    /// The field in the frame of the matrix, nT.
+    field: Vector3<f64>,
+    /// From that frame to that of the result.
+    rotation: Matrix3<f64>,
+    /// Derivatives of the field in the frame of the result by all parameters, seen in the frame of the matrix.
+    by: [Vector3<f64>; PARAMETERS],
+}
+
+/// By how much the sensor frame of a convention turns where a matrix changes, seen in the frame of the matrix: an antisymmetric matrix that
+/// keeps it triangular there (see [`Convention::frame_of`]). Zero for a matrix without an inverse.
+fn spin(convention: Convention, matrix: &Matrix3<f64>, change: &Matrix3<f64>) -> Matrix3<f64> {
+    let Some(inverse) = matrix.try_inverse() else { return Matrix3::zeros() };
+    let frame = convention.frame_of(matrix);
+    let seen = frame * change * inverse * frame.transpose();
+    // What has to vanish: below the diagonal of an upper triangular matrix, above that of a lower one.
+    let triangle = match convention {
+        Convention::Rosetta => seen.lower_triangle(),
+        Convention::BepiColombo => seen.upper_triangle(),
+    };
+    let beside = triangle - Matrix3::from_diagonal(&seen.diagonal());
+    frame.transpose() * (beside.transpose() - beside) * frame
 }
 
 /// Whether a component lies beyond its limits.

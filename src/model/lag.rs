@@ -110,6 +110,28 @@ impl Lag {
         }
     }
 
+    /// The temperature of the part, (s, °C), in the time of a run, as far as the readings of its thermistor tell it. A part that was at rest with its
+    /// thermistor at the begin was so before.
+    #[must_use]
+    pub fn in_run(self, readings: &[(f64, f64)]) -> Vec<(f64, f64)> {
+        let smooth = Course::smooth(readings);
+        let mut series = match self {
+            // A rate of single readings is their noise.
+            Lag::InverseFirstOrder(_) => self.of(&smooth),
+            Lag::Delay(_) | Lag::FirstOrder(_) => self.of(&Course::exact(readings.to_vec())),
+        };
+        match (self.known_from_s(&smooth), series.first(), smooth.series.first()) {
+            (Some(known_s), ..) => series.retain(|(t_s, _)| *t_s >= known_s),
+            (None, Some((begin_s, _)), Some((_, degc))) => {
+                let before: Vec<(f64, f64)> =
+                    readings.iter().map(|(t_s, _)| (*t_s, *degc)).take_while(|(t_s, _)| t_s < begin_s).collect();
+                series.splice(..0, before);
+            }
+            _ => {}
+        }
+        series
+    }
+
     /// When the temperature of the part begins to be known, s. A part that follows a thermistor which moves at its first reading may have been
     /// in equilibrium then, or have followed for long; what this makes out is forgotten once it is below a tenth of the noise of the readings. One
     /// that is later by a time was then where the thermistor had been before. `None` where it is known from the first reading on.
@@ -219,6 +241,7 @@ pub fn follow(body: f64, from: f64, to: f64, x: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::run::interpolate;
     use rand_distr::{Distribution, StandardNormal};
     use rand_xoshiro::Xoshiro256PlusPlus;
     use rand_xoshiro::rand_core::SeedableRng;
@@ -244,6 +267,24 @@ mod tests {
             let delayed = Lag::Delay(480.0).of(&course)[300];
             assert!((delayed.0 - 9480.0).abs() < 1e-9 && (delayed.1 - 90.0).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_part_is_known_in_a_run_where_its_thermistor_tells() {
+        let times = || (0..400).map(|i| 30.0 * f64::from(i));
+        // At rest for an hour, then a ramp: the delayed part is known from the first reading on.
+        let rested: Vec<(f64, f64)> = times().map(|t_s| (t_s, 20.0 + 0.01 * (t_s - 3600.0).max(0.0))).collect();
+        let part = Lag::Delay(480.0).in_run(&rested);
+        for (t_s, degc) in times().map(|t_s| (t_s, interpolate(&part, t_s))) {
+            assert!((degc - (20.0 + 0.01 * (t_s - 4080.0).max(0.0))).abs() < 1e-9, "{t_s} {degc}");
+        }
+        assert!(part[0].0 == 0.0);
+        // It moves already: where the part was before is not known.
+        let ramp: Vec<(f64, f64)> = times().map(|t_s| (t_s, 0.01 * t_s)).collect();
+        assert!((Lag::Delay(480.0).in_run(&ramp)[0].0 - 480.0).abs() < 1e-9);
+        // A first order has forgotten it when a tenth of the noise is left, which is 1e-3 K where none shows: 4.8 K, ln(4.8e4) time constants.
+        let from_s = Lag::FirstOrder(480.0).in_run(&ramp)[0].0;
+        assert!((from_s - 480.0 * f64::ln(4.8e4)).abs() <= 30.0, "{from_s}");
     }
 
     #[test]

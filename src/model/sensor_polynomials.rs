@@ -1,6 +1,7 @@
 //! Sensitivities, angles and offset of a sensor as polynomials of its temperature, with their uncertainties, as a thermal analysis gives
 //! them: what a run takes its slopes from while the sensor temperature moves (docs/mathematics.md, "Temperature").
 
+use super::lag::Lag;
 use super::polynomial::TemperaturePolynomial;
 use super::sensor::Split;
 use crate::data::convention::base_vectors;
@@ -19,6 +20,8 @@ pub struct SensorPolynomials {
     pub mode: String,
     /// Channel of the sensor temperature; absent if the file does not tell.
     pub channel: Option<String>,
+    /// How the part of the sensor whose temperature they follow goes after that channel, where the two differ.
+    pub lag: Option<Lag>,
     /// Lowest and highest temperature for which all of them hold, °C.
     pub valid_degc: [f64; 2],
     /// σ_x, σ_y, σ_z, nT/enT.

@@ -8,13 +8,18 @@ use crate::data::result::{AT_REST_K, Conditions, Dropped, RunHead, Spread};
 use crate::data::run::{Run, interpolate};
 use crate::data::units::{COMPONENTS, counted};
 use crate::fit::noise::dense::{self, GroupNoise, Octave, Sampled};
+use crate::fit::statistics::{extremes, median};
 use crate::fit::{DenseNoise, FitError, Solution};
 use crate::model::campaign::Instructions;
+use crate::model::lag::Lag;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
 /// Parts of plateaus whose lengths differ by less than this share are compared together.
 const SAME_LENGTH: f64 = 1e-3;
+
+/// A stated standard deviation of so many times the usual one is that of a disturbed block: not even three samples reach it by chance.
+const FAR_SCATTER: f64 = 10.0;
 
 type Series = Vec<(f64, f64)>;
 
@@ -46,6 +51,26 @@ impl Temperatures {
             coil_degc,
         });
         Self { sensor, coil, conditions }
+    }
+
+    /// Takes the temperature of the part of the sensor that goes after the thermistor with a lag in place of that of the thermistor, over the time in
+    /// which fields were applied. Returns whether it is known in all of that time, but for the distance of two readings at its ends.
+    pub fn follow(&mut self, lag: Lag, file: &str, span_s: [f64; 2], notes: &mut impl Extend<Note>) -> bool {
+        let Some(conditions) = self.conditions.as_mut().filter(|c| c.sensor_degc.is_some()) else { return true };
+        self.sensor = lag.in_run(&self.sensor);
+        let inside = self.sensor.iter().filter(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
+        let [low, high] = extremes(inside.map(|(_, degc)| *degc));
+        conditions.sensor_degc = (low <= high).then(|| [low, mean_in_time(&self.sensor, span_s), high]);
+        let channel = &conditions.sensor_channel;
+        let text = format!(
+            "the sensor temperature is that of the part that goes after channel {channel} with a {} of {:.0} s, as {file} has it",
+            lag.form(),
+            lag.seconds()
+        );
+        notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
+        let [first_s, last_s] = extremes(self.sensor.iter().map(|(t_s, _)| *t_s));
+        let usual_s = (last_s - first_s) / (self.sensor.len().max(2) - 1) as f64;
+        first_s <= span_s[0] + usual_s && last_s >= span_s[1] - usual_s
     }
 
     /// States by how much and how fast the sensor temperature moved.
@@ -118,8 +143,8 @@ pub enum Within {
     Drift,
 }
 
-/// The noise of the plateau means of a fit, one row per plateau: from what happens within the plateaus and from the residuals,
-/// or from the residuals alone if the file brings means only.
+/// The noise of the plateau means of a fit, one row per plateau: from what happens within the plateaus and from the residuals, from stated standard
+/// deviations and numbers of samples where the file brings means, or from the residuals alone where it brings nothing else.
 ///
 /// # Errors
 /// Those of [`dense::estimate`].
@@ -171,6 +196,7 @@ pub fn noise_of(
             *sum += all * (contrasts.mean_square[*component] - taken * contrasts.mean[*component].powi(2)).max(0.0);
         }
     }
+    octaves.extend(octaves.is_empty().then(|| stated_scatter(used, components)).flatten());
     if octaves.is_empty() {
         let times: Vec<f64> = used.iter().map(|p| p.t_s()).collect();
         return dense::estimate(solution, &times);
@@ -189,6 +215,22 @@ pub fn noise_of(
     });
     let scatter = Some([&variances, &readings]);
     dense::estimate_with(solution, &Sampled { intervals: &intervals, counts: &samples, octaves: &octaves, scatter, group })
+}
+
+/// What standard deviations and numbers of samples say that a file brings with its means: neighbouring samples differ by noise that is white between
+/// them. Of slow noise they say nothing, which is left to the means.
+fn stated_scatter(used: &[&Plateau], components: &[usize]) -> Option<Octave> {
+    let mut scatter = Octave { length: f64::INFINITY, count: 0.0, white: 0.0, squares: vec![0.0; components.len()] };
+    for p in used {
+        let (std_ent, count) = (p.std_ent?, p.count.filter(|n| *n > 1)? as f64);
+        scatter.length = scatter.length.min((p.used_s[1] - p.used_s[0]) / count);
+        scatter.count += count - 1.0;
+        scatter.white += count - 1.0;
+        for (sum, component) in scatter.squares.iter_mut().zip(components) {
+            *sum += (count - 1.0) * std_ent[*component].powi(2);
+        }
+    }
+    (scatter.count > 0.0).then_some(scatter)
 }
 
 /// Variance of the samples of a plateau about a straight line, enT²: a line that rises by r from begin to end has the variance r²/12. The
@@ -325,6 +367,9 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
             ]);
         }
     }
+    if !run.blocks.is_empty() {
+        notes.extend(scattered_blocks(&plateaus.list));
+    }
     let shift_s = plateaus.edge_shift_s;
     if shift_s.abs() > 0.0 && plateaus.list.iter().any(|p| shift_s.abs() > (p.setting.t_end_s - p.setting.t_start_s) / 64.0) {
         notes.extend([Note::new(
@@ -358,6 +403,24 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
     if spikes > 0 {
         notes.extend([Note::new(NoteKind::Spikes, format!("{spikes} samples in stretches with spikes were left out"))]);
     }
+}
+
+/// Blocks whose stated standard deviation is far above that of the others.
+fn scattered_blocks(list: &[Plateau]) -> impl Iterator<Item = Note> {
+    let used: Vec<&Plateau> = list.iter().filter(|p| p.dropped.is_none()).collect();
+    (0..3).filter_map(move |a| {
+        let of = |p: &&Plateau| p.std_ent.map_or(f64::NAN, |s| s[a]);
+        let usual_ent = median(&mut used.iter().map(of).filter(|s| s.is_finite()).collect::<Vec<f64>>());
+        let far: Vec<&&Plateau> = used.iter().filter(|p| usual_ent > 0.0 && of(p) > FAR_SCATTER * usual_ent).collect();
+        let most_ent = far.iter().map(|p| of(p)).fold(0.0, f64::max);
+        let numbers: Vec<String> = far.iter().map(|p| (p.index + 1).to_string()).collect();
+        let text = format!(
+            "the samples of {} scatter in {} by up to {most_ent:.3} enT as the file states, those of the others by {usual_ent:.3} enT",
+            if far.len() == 1 { format!("block {}", numbers[0]) } else { format!("blocks {}", numbers.join(", ")) },
+            COMPONENTS[a]
+        );
+        (!far.is_empty()).then(|| Note::new(NoteKind::Data, text).about(COMPONENTS[a]).with_remedy("look at them, or leave them out with --exclude"))
+    })
 }
 
 /// What was left out of a run by hand.
@@ -408,7 +471,11 @@ mod tests {
 
     /// White noise of unit variance on readings that rise within every plateau by so much, and are back at its middle.
     fn plateaus(rise_ent: f64) -> Vec<Plateau> {
-        let mut random = Random::seeded(11);
+        plateaus_of(11, rise_ent)
+    }
+
+    fn plateaus_of(seed: u64, rise_ent: f64) -> Vec<Plateau> {
+        let mut random = Random::seeded(seed);
         let one = |index: usize| {
             let sample = |i: usize, noise: f64| noise + rise_ent * ((i as f64 + 0.5) / SAMPLES as f64 - 0.5);
             let samples: Vec<f64> = (0..SAMPLES).map(|i| sample(i, random.gaussian())).collect();
@@ -444,9 +511,9 @@ mod tests {
 
     fn noise_of_mean(list: &[Plateau], within: Within) -> DenseNoise {
         let used: Vec<&Plateau> = list.iter().collect();
-        let columns = DMatrix::from_fn(PLATEAUS, 2, |i, j| if j == 0 { 1.0 } else { sign(i) });
+        let columns = DMatrix::from_fn(list.len(), 2, |i, j| if j == 0 { 1.0 } else { sign(i) });
         let design = Design::new(vec!["mean".to_owned(), "field".to_owned()], columns).unwrap();
-        let rhs = DMatrix::from_fn(PLATEAUS, 3, |i, a| list[i].mean.0[a]);
+        let rhs = DMatrix::from_fn(list.len(), 3, |i, a| list[i].mean.0[a]);
         noise(&solve(&design, &rhs, None, &Limits::default()).unwrap(), &used, within).unwrap()
     }
 
@@ -464,6 +531,35 @@ mod tests {
         // Taken for noise, it is many times the real one.
         let taken = std(2.0, Within::Still);
         assert!(taken > 2.0, "{taken}");
+    }
+
+    /// Four means of 64 samples leave two degrees of freedom, which tell the noise within a factor of ten; what the file states of the samples tells
+    /// it to 4 %. Two thirds more are allowed for the chance of scatter between the means.
+    #[test]
+    fn stated_scatter_and_numbers_of_samples_tell_the_noise_of_few_means() {
+        let expected = ((4 * SAMPLES) as f64).sqrt().recip();
+        let (mut stated, mut alone) = (Vec::new(), Vec::new());
+        for seed in 0..40 {
+            let mut list = plateaus_of(seed, 0.0);
+            list.truncate(4);
+            list.iter_mut().for_each(|p| p.contrasts.clear());
+            let std = |list: &[Plateau]| noise_of_mean(list, Within::Still).covariance()[(3, 3)].sqrt() / expected;
+            stated.push(std(&list));
+            list.iter_mut().for_each(|p| p.std_ent = None);
+            alone.push(std(&list));
+        }
+        let least = |all: &[f64]| all.iter().copied().fold(f64::INFINITY, f64::min);
+        assert!(least(&stated) > 0.85 && median(&mut stated) < 1.67, "{stated:?}");
+        assert!(least(&alone) < 0.3, "{alone:?}");
+    }
+
+    #[test]
+    fn a_block_that_scatters_far_more_than_the_others_is_told() {
+        let mut list = plateaus(0.0);
+        assert_eq!(scattered_blocks(&list).count(), 0);
+        list[6].std_ent = list[6].std_ent.map(|[x, y, z]| [x, 100.0 * y, z]);
+        let told: Vec<String> = scattered_blocks(&list).map(|note| note.to_string()).collect();
+        assert!(told.len() == 1 && told[0].contains("block 7 scatter in y"), "{told:?}");
     }
 
     #[test]

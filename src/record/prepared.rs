@@ -276,8 +276,16 @@ impl PreparedRun {
         // Each round makes what is left smaller by the relative change of the response, a few percent at most.
         const ROUNDS: usize = 12;
         let Some(sensor) = &self.record.sensor else { return Ok(0.0) };
-        let over_k: Vec<f64> = sensor.values.iter().map(|degc| degc - sensor.mean).collect();
-        let change = SensorChange::of(polynomials, sensor.mean);
+        let degc = match polynomials.lag {
+            None => sensor.values.clone(),
+            Some(lag) => {
+                let lagged = lag.in_run(&sensor.course.series);
+                self.record.rows.iter().map(|row| interpolate(&lagged, row.t_s())).collect()
+            }
+        };
+        let mean_degc = degc.iter().sum::<f64>() / degc.len() as f64;
+        let over_k: Vec<f64> = degc.iter().map(|degc| degc - mean_degc).collect();
+        let change = SensorChange::of(polynomials, mean_degc);
         let raw = self.readings.clone();
         for _ in 0..ROUNDS {
             let no_sensor = || Unfit("the response belongs to no sensor with three axes".to_owned());

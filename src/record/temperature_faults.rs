@@ -6,7 +6,7 @@ mod jumps;
 mod level;
 mod still;
 
-pub use jumps::{Jumps, jumps_of, may_jump, readings, without_jumps};
+pub use jumps::{Jumps, jumps_of, may_jump, off_level, readings, without_jumps};
 pub use still::{Still, without_still};
 
 use crate::data::note::{Note, NoteKind};
@@ -186,7 +186,8 @@ pub fn told(run: &Run, instructions: &Instructions) -> Vec<(ChannelFault, Note)>
                 }
                 _ => "",
             };
-            Note::new(NoteKind::Temperature, fault.text() + rests + mended).about(name.as_str()).with_remedy(remedy)
+            let kind = if rests.is_empty() { NoteKind::Temperature } else { NoteKind::TemperatureFault };
+            Note::new(kind, fault.text() + rests + mended).about(name.as_str()).with_remedy(remedy)
         })
         .collect();
     found.into_iter().zip(notes).collect()

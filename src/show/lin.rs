@@ -248,7 +248,8 @@ fn uncertainty(p: &LinearCalibration) -> Section {
     }
     section.with(format!(
         "Standard uncertainties (coverage factor 1) from the scatter of the samples within the plateaus and of the plateau means about \
-         the model; that of the coil constants and coil angles is in them where a facility file states it, that of the temperature is not. {} degrees of freedom per component, \
+         the model; that of the coil constants and coil angles is in them where a facility file states it, where the sensor temperature moved, the noise of the \
+         thermometer is in them, its calibration is not. {} degrees of freedom per component, \
          condition number {:.2}. Noise of a plateau mean {:.3}, {:.3}, {:.3} enT, of which a part of {:.2}, {:.2}, {:.2} of the variance is \
          correlated from plateau to plateau ({:.0}, {:.0}, {:.0} effective plateaus). The full covariance is in the parameter file.",
         p.quality.degrees_of_freedom,

@@ -17,6 +17,7 @@ use crate::files::parameter::FieldPart;
 use crate::files::source::digest;
 use crate::files::table::stream::{Batch, Format, Reader, Writer};
 use crate::model::field_calibration::{CalibratedField, CalibrationError, Coefficients, FieldCalibration, Frame, MatrixForm};
+use crate::model::lag::Lag;
 use crate::record::known::Known;
 use crate::record::single_readings::{NeedsMore, SingleReadings, TakenOff};
 use nalgebra::Vector3;
@@ -68,6 +69,8 @@ pub struct Applied {
     pub frame: String,
     /// The thermistor that the files are of, where they say it.
     pub channel: Option<String>,
+    /// How the part of the sensor whose temperature counts goes after that thermistor, where the two differ.
+    pub lag: Option<Lag>,
     /// Known effects that are taken off the readings first.
     pub effects: Option<SingleReadings>,
     /// The files.
@@ -89,14 +92,17 @@ pub fn applied(
 ) -> Result<Applied, Finding> {
     let mut inputs = Vec::new();
     let mut beside = None;
+    let mut of_files = Vec::new();
     let mut matrix: Option<(&PathBuf, Coefficients, String)> = None;
     let mut offset: Option<(&PathBuf, Coefficients)> = None;
     let mut of: Option<(String, String, &PathBuf)> = None;
     let mut thermistor: Option<(String, &PathBuf)> = None;
+    let mut lag = None;
     for path in paths {
         let shown = path.display().to_string();
         let (part, input) = read_field(path, options.frame, findings)?;
         inputs.push(input);
+        of_files.extend(part.notes.iter().cloned());
         check_effects(&shown, &part, model, options.effects_taken_off)?;
         match &of {
             None => of = Some((part.sensor, part.mode, path)),
@@ -115,6 +121,8 @@ pub fn applied(
                 _ => thermistor = Some((channel, path)),
             }
         }
+        // That of the sensitivities: a TOF of runs at rest has none.
+        lag = lag.or(part.lag);
         let second = |first: &Path, what: &str| {
             let rule = format!("states {what}, and so does {}", first.display());
             Finding::error(&shown, rule, "name one of them")
@@ -161,11 +169,22 @@ pub fn applied(
     };
     let mut notes = notes(&parts, &all);
     notes.extend(beside);
+    notes.extend(of_files);
     let calibration = FieldCalibration::new(parts).map_err(refuse)?;
     let effects = of_readings(model, "take it off the readings, and say so with --effects-taken-off", &mut notes)?;
     inputs.extend(model.map(|known| known.input.clone()));
     let channel = thermistor.map(|(channel, _)| channel);
-    Ok(Applied { calibration, sensor, mode, frame: frame_words, channel, effects, inputs, notes })
+    if let Some(lag) = lag {
+        let text = format!(
+            "the temperatures of {all} are those of a part of the sensor that goes after the thermistor{} with a {} of {} s",
+            channel.as_ref().map_or_else(String::new, |name| format!(" {name}")),
+            lag.form(),
+            lag.seconds()
+        );
+        let remedy = "in a run this is taken into account; in a table, the column of temperatures has to be that of this part";
+        notes.push(Note::new(NoteKind::Temperature, text).with_remedy(remedy));
+    }
+    Ok(Applied { calibration, sensor, mode, frame: frame_words, channel, lag, effects, inputs, notes })
 }
 
 /// The effects of a model, if there is one, that are taken off readings; notes tell those that readings do not have.

@@ -98,6 +98,8 @@ impl PairFiles {
         let mut result = centre::centre(&off_centre(tpf), self.pair())
             .map_err(|e| Finding::error(&tpf.file_name(), e.to_string(), e.remedy()))?;
         result.notes.extend(self.notes.iter().cloned());
+        result.notes.extend(tpf.head.told.with_values_of(&tpf.file_name()));
+        result.notes.extend(self.members().flat_map(|member| member.point.notes.iter().cloned()));
         for input in self.members().flat_map(|member| &member.inputs) {
             // What the runs of a campaign have in common, such as its campaign.toml, is one input.
             if !inputs.contains(input) {

@@ -65,7 +65,7 @@ pub fn analysed(kind: Kind, text: &Text, undamaged: &Undamaged) -> Result<Analys
 }
 
 /// Calls the program as a user does; its status, what it printed as JSON, and its messages.
-fn called(arguments: impl IntoIterator<Item = OsString>, out: &Path) -> (u8, Value, String) {
+pub(crate) fn called(arguments: impl IntoIterator<Item = OsString>, out: &Path) -> (u8, Value, String) {
     let mut all: Vec<OsString> = vec!["calfit".into()];
     all.extend(arguments);
     all.extend(["--no-plots", "--json", "--threads", "1", "-o"].map(Into::into));
@@ -239,7 +239,7 @@ pub fn report(cells: &[Cell], kinds: &[Kind]) -> String {
     text
 }
 
-fn words(outcome: &Outcome) -> String {
+pub(crate) fn words(outcome: &Outcome) -> String {
     match outcome {
         Outcome::NotThere => "-".to_owned(),
         Outcome::Refused => "refused".to_owned(),

@@ -8,6 +8,7 @@ pub mod blind;
 pub mod closed_loop;
 pub mod coverage;
 pub mod damages;
+pub mod flight_damages;
 pub mod interruptions;
 
 #[cfg(test)]

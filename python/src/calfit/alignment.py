@@ -69,6 +69,17 @@ def _inverse_upper(q: np.ndarray) -> np.ndarray:
     return inverse
 
 
+def frame_of(convention: str, matrix: np.ndarray) -> np.ndarray:
+    """The rotations from the frame of matrices that take readings to the field to the sensor frame of a convention, (n, 3, 3): the same
+    sensor has a lower triangular matrix there (BepiColombo), or an upper triangular one (Rosetta)."""
+    columns = matrix if convention == ROSETTA else np.swapaxes(np.linalg.inv(matrix), -1, -2)
+    first, second = columns[..., 0], columns[..., 1]
+    x = first / np.linalg.norm(first, axis=-1, keepdims=True)
+    y = second - x * (x * second).sum(axis=-1, keepdims=True)
+    y = y / np.linalg.norm(y, axis=-1, keepdims=True)
+    return np.stack([x, y, np.cross(x, y)], axis=-2)
+
+
 #: What the rows of a rotation may miss of right angles and of the length 1.
 _ROUNDING = 1e-6
 

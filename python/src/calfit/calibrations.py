@@ -14,6 +14,7 @@ import numpy as np
 
 from . import alignment
 from .document import Document
+from .errors import Refused
 from .kinds import AXES, PAIRS
 from .quantities import covariance_table, stated_covariance, stated_std
 from .state import State, Term, constant, horner, over_temperature
@@ -251,19 +252,18 @@ class _Polynomials:
     def over_temperature(self, together: np.ndarray | None = None) -> np.ndarray:
         """Their covariance: from that of all coefficients, or from those of every polynomial, which are then independent of each other."""
         counts = [len(c) for c in self.coefficients]
-        ends = np.cumsum(counts)
-        whole = together
-        if whole is None:
-            whole = np.zeros((ends[-1], ends[-1]))
-            for end, count, own in zip(ends, counts, self.covariance):
-                whole[end - count : end, end - count : end] = own
+        whole = _blocks(self.covariance) if together is None else together
         parameters = [i for i, count in enumerate(counts) for _ in range(count)]
         orders = [k for count in counts for k in range(count)]
         return over_temperature(whole, parameters, orders, len(counts))
 
 
+class NoOffset(Refused):
+    """A file states an offset, but not that of all components."""
+
+
 class TemperatureCalibration:
-    """Sensitivities and angles as polynomials of the temperature, TPF and TCF, without the offset."""
+    """Sensitivities and angles as polynomials of the temperature, TPF and TCF, with their offset unless that of another file is taken."""
 
     needs_temperature = True
     rotation = None
@@ -274,52 +274,83 @@ class TemperatureCalibration:
         self.linearisation = _linearisation(document, how)
         self.field = _along_sensor_axes(document)
         names = [f"sigma_{axis}" for axis in AXES] + [f"xi_{pair}" for pair in PAIRS]
+        if how.offset is not None:
+            names += _of_offset(document, how.offset)
         self._polynomials = _Polynomials(document, names)
         self.ranges = [_range(document, "valid_degc")]
         ends = np.array([self.ranges[0].low, self.ranges[0].high])
         values = self._polynomials.values(ends)
         _positive(document, "sigma_x, sigma_y, sigma_z", values[:, :3])
-        _directions(document, "xi_xy, xi_xz, xi_yz", values[:, 3:])
+        _directions(document, "xi_xy, xi_xz, xi_yz", values[:, 3:6])
         together = self._joint(document, names)
         self.unknown = [] if together is not None else self._polynomials.unknown
         # What the polynomials miss.
-        remainder = np.zeros(6)
+        remainder = np.zeros(len(names))
         for key, at in (("sigma_remainder", 0), ("xi_remainder_deg", 3)):
             if (stated := document.numbers(key, (3,))) is not None:
                 remainder[at : at + 3] = stated
-        self._covariance = np.zeros((1, 6, 6))
+        self._covariance = np.zeros((1, len(names), len(names)))
         if not self.unknown:
             self._covariance = self._polynomials.over_temperature(together)
             self._covariance[0] += np.diag(remainder**2)
 
     def _joint(self, document: Document, names: list[str]) -> np.ndarray | None:
-        """The covariance of all coefficients where the file states it; one of type A does not stand for combined ones."""
-        place = "together_combined" if document.table("covariance_combined") else "together"
+        """The covariance of all coefficients: where the file states it, or with the change of all of them by every source that the runs share.
+        One of type A does not stand for combined ones."""
+        is_combined = bool(document.table("covariance_combined"))
+        place = "together_combined" if is_combined else "together"
         table = covariance_table(document, place)
         if table is None:
-            return None
-        wanted = [f"{n}.{k}" for n, c in zip(names, self._polynomials.coefficients) for k in range(len(c))]
-        found = table.of(wanted)
+            return self._with_common(document, names) if is_combined else None
+        counts = [len(c) for c in self._polynomials.coefficients]
+        wanted = [f"{n}.{k}" for n, count in zip(names, counts) for k in range(count)]
+        # The covariance of a transfer to the centre is without the offset, which is another measurement.
+        joint = wanted if set(wanted) <= set(table.parameters) else wanted[: sum(counts[:6])]
+        found = table.of(joint)
         if found is None:
-            missing = [name for name in wanted if name not in table.parameters]
+            missing = [name for name in joint if name not in table.parameters]
             raise document.refuse(f"{place}.parameters", f"lacks {', '.join(missing)}")
         if not np.isfinite(found).all():
             raise document.refuse(f"{place}.matrix", "holds a value that is not determined (nan)")
-        return found
+        if len(joint) == len(wanted):
+            return found
+        offset = self._polynomials.covariance[6:]
+        if any(c is None for c in offset):
+            return None
+        return _blocks([found, *offset])
+
+    def _with_common(self, document: Document, names: list[str]) -> np.ndarray | None:
+        """The blocks of type A of the coefficients of every quantity, and what the runs share."""
+        sources, table = document.get("common"), document.get("covariance")
+        if not isinstance(sources, list) or not isinstance(table, dict):
+            return None
+        counts = [len(c) for c in self._polynomials.coefficients]
+        whole = _blocks([document.needed(f"covariance.{n}", (count, count)) for n, count in zip(names, counts)])
+        for source in sources:
+            parts = [np.asarray(source.get(n, np.zeros(count)), dtype=np.float64) for n, count in zip(names, counts)]
+            if any(part.shape != (count,) for part, count in zip(parts, counts)):
+                raise document.refuse("common", "has another number of changes than coefficients")
+            change = np.concatenate(parts)
+            whole += np.outer(change, change)
+        return whole
 
     def unknown_in(self, frame: str) -> list[str]:
         return self.unknown
 
     def at(self, t: np.ndarray, frame: str) -> State:
         values = self._polynomials.values(t)
-        sigma, xi = values[:, :3], values[:, 3:]
+        sigma, xi, offset = values[:, :3], values[:, 3:6], values[:, 6:]
         omega, omega_by = alignment.omega(self._convention, xi)
         terms = []
         if not self.unknown:
             by_sigma = omega[:, None] * np.eye(3)[None, :, None, :]
             by_xi = omega_by * sigma[:, None, None, :]
-            terms.append(Term(np.concatenate([by_sigma, by_xi], axis=1), None, self._covariance))
-        return State(omega * sigma[:, None, :], np.zeros((1, 3)), terms)
+            d_matrix, d_offset = np.concatenate([by_sigma, by_xi], axis=1), None
+            if offset.size:
+                d_matrix = np.concatenate([d_matrix, np.zeros((len(t), 3, 3, 3))], axis=1)
+                d_offset = np.concatenate([np.zeros((6, 3)), np.eye(3)])[None]
+            terms.append(Term(d_matrix, d_offset, self._covariance))
+        return State(omega * sigma[:, None, :], offset if offset.size else np.zeros((1, 3)), terms)
 
 
 class _Coefficient(NamedTuple):
@@ -443,18 +474,31 @@ class GroundCalibration:
         return State(omega * sigma[:, None, :], offset, terms)
 
 
+def _of_offset(document: Document, quantity: str) -> list[str]:
+    """Names of the polynomials of an offset."""
+    names = [f"{quantity}_{axis}" for axis in AXES]
+    missing = [name for name in names if document.get(name) is None]
+    if missing:
+        rule = "is missing: the offset of these components is not known"
+        raise NoOffset(document.file, ", ".join(missing), rule, "name an offset of all components")
+    return names
+
+
+def _blocks(parts: list[np.ndarray]) -> np.ndarray:
+    """A matrix with others along its diagonal."""
+    ends = np.cumsum([len(part) for part in parts])
+    whole = np.zeros((ends[-1], ends[-1]))
+    for end, part in zip(ends, parts):
+        whole[end - len(part) : end, end - len(part) : end] = part
+    return whole
+
+
 class PolynomialOffset:
     """An offset as polynomials of the temperature."""
 
     def __init__(self, document: Document, quantity: str) -> None:
         self.quantity = quantity
-        names = [f"{quantity}_{axis}" for axis in AXES]
-        missing = [name for name in names if document.get(name) is None]
-        if missing:
-            raise document.refuse(
-                ", ".join(missing), "is missing: the offset of these components is not known", "name an offset of all components"
-            )
-        self._polynomials = _Polynomials(document, names)
+        self._polynomials = _Polynomials(document, _of_offset(document, quantity))
         self.unknown = self._polynomials.unknown
         self.ranges = [_range(document, "valid_degc")]
         self._terms = [] if self.unknown else [Term(None, np.eye(3)[None], self._polynomials.over_temperature())]

@@ -31,10 +31,12 @@ _OFFSETS = ("TOF", "OPF")
 
 
 class Turn(NamedTuple):
-    """The rotation from the sensor frame to the reference, and the variances of a turn about its axes, rad^2."""
+    """The rotation from the sensor frame to the reference, the variances of a turn about its axes, rad^2, and the convention whose sensor
+    frame it starts from, where that is not the frame of the file."""
 
     rotation: np.ndarray
     variances: np.ndarray
+    convention: str | None = None
 
 
 class Parameters:
@@ -99,16 +101,21 @@ class Parameters:
         document, how = documents[main[0]], self._applied[main[0]]
         assert how is not None
         offsets = [d for d in documents if d.format in _OFFSETS]
-        self._calibration = _calibration(document, how)
+        if document.format not in ("CPF", "RPCMAG") and (offsets or how.offset is None):
+            how = how._replace(offset=None)
+        try:
+            self._calibration = _calibration(document, how)
+        except calibrations.NoOffset as refused:
+            # Its sensitivities are read all the same.
+            self._cannot = refused
+            how = how._replace(offset=None)
+            self._calibration = _calibration(document, how)
+        self._own_offset = how.offset
         self._reference = _stated_reference(document, how)
-        if document.format in ("CPF", "RPCMAG"):
-            self._own_offset = how.offset
-        elif offsets:
+        if offsets:
             self._take_offset(offsets[0], "b_off")
-        elif how.offset is None:
+        elif how.offset is None and self._cannot is None:
             self._cannot = document.refuse("apply.offset", "is missing: the file has no offset", "name a TOF or OPF beside it")
-        else:
-            self._take_offset(document, how.offset)
         if "off-centre" in (document.get("location"), document.get("run.location")):
             self.notes.append(
                 f"{document.file} holds for the field beside the centre of the coil system, which is not that of its settings; "
@@ -278,12 +285,13 @@ class Parameters:
             lacks |= np.isnan(b).any(axis=1)
             beyond = self._beyond(readings, b, frame) & ~lacks
             if turn is not None:
-                b = b @ turn.rotation.T
+                state = state.turned(turn.rotation, turn.convention)
+                b = (state.matrix @ without[..., None])[..., 0]
             if self._unknown(frame):
                 return b, np.full_like(b, np.nan), lacks, beyond
             variance = np.zeros_like(b)
             for term in state.terms:
-                variance = variance + term.variance(t, state.matrix, without, None if turn is None else turn.rotation)
+                variance = variance + term.variance(t, state.matrix, without)
             if turn is not None:
                 # A small turn about the axes of the reference changes the field by its vector product with the field.
                 square = b**2
@@ -450,7 +458,14 @@ def _stated_reference(document: Document, how: Applied) -> Turn | None:
     std = float(document.needed("reference.std_deg", ()))
     if std < 0.0:
         raise document.refuse("reference.std_deg", "must not be negative")
-    return Turn(rotation, np.full(3, np.radians(std) ** 2))
+    variances = np.full(3, np.radians(std) ** 2)
+    # A matrix of one temperature has one rotation; where its angles move, the frame for which another convention states it moves with them.
+    if document.format != "CPF" and document.get("reference.stated_rotation") is not None:
+        stated_rotation = document.needed("reference.stated_rotation", (3, 3))
+        if not is_rotation(stated_rotation):
+            raise document.refuse("reference.stated_rotation", "is no rotation")
+        return Turn(stated_rotation, variances, document.text("reference.stated_for"))
+    return Turn(rotation, variances)
 
 
 def _given_reference(where: str, rotation: Any, std_deg: Any) -> Turn:

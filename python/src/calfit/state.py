@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from . import alignment
+
 
 class Term(NamedTuple):
     """Parameters with their covariance, and the derivatives of matrix and offset by them. The first length of the derivatives is that
@@ -22,17 +24,13 @@ class Term(NamedTuple):
     #: (K, P, P), the covariance over T^k.
     covariance: np.ndarray
 
-    def variance(
-        self, t: np.ndarray, matrix: np.ndarray, without_offset: np.ndarray, rotation: np.ndarray | None
-    ) -> np.ndarray:
+    def variance(self, t: np.ndarray, matrix: np.ndarray, without_offset: np.ndarray) -> np.ndarray:
         """Variance of `matrix (reading - offset)` by these parameters: the diagonal of J C J^T, (n, 3)."""
         jacobian = np.zeros((1, 3, self.covariance.shape[1]))
         if self.d_matrix is not None:
             jacobian = np.einsum("npij,nj->nip", self.d_matrix, without_offset)
         if self.d_offset is not None:
             jacobian = jacobian - matrix @ np.swapaxes(self.d_offset, 1, 2)
-        if rotation is not None:
-            jacobian = rotation @ jacobian
         # All readings at once: products of small matrices, one per reading, are slow.
         rows = np.ascontiguousarray(jacobian).reshape(-1, jacobian.shape[2])
         powers = [np.einsum("mp,mp->m", np.einsum("mp,pq->mq", rows, c), rows).reshape(-1, 3) for c in self.covariance]
@@ -47,6 +45,27 @@ class State(NamedTuple):
     #: (n, 3), enT.
     offset: np.ndarray
     terms: list[Term]
+
+    def turned(self, rotation: np.ndarray, convention: str | None) -> State:
+        """The same behind a rotation, which starts from the sensor frame of a convention where one is given, otherwise from that of the matrix."""
+        if convention is None:
+            terms = [t if t.d_matrix is None else t._replace(d_matrix=rotation @ t.d_matrix) for t in self.terms]
+            return State(rotation @ self.matrix, self.offset, terms)
+        # Angles that no three axes have between them make no field.
+        known = np.where(np.isfinite(self.matrix).all(axis=(1, 2), keepdims=True), self.matrix, np.eye(3))
+        frame = alignment.frame_of(convention, known)
+        in_frame, inverse = frame @ self.matrix, np.linalg.inv(frame @ known)[:, None]
+        terms = []
+        for term in self.terms:
+            if term.d_matrix is not None:
+                # The frame turns so that the matrix stays triangular in it.
+                d_matrix = frame[:, None] @ term.d_matrix
+                seen = d_matrix @ inverse
+                beside = np.tril(seen, -1) if convention == alignment.ROSETTA else np.triu(seen, 1)
+                turn = np.swapaxes(beside, -1, -2) - beside
+                term = term._replace(d_matrix=rotation @ (d_matrix + turn @ in_frame[:, None]))
+            terms.append(term)
+        return State(rotation @ in_frame, self.offset, terms)
 
 
 def horner(coefficients: np.ndarray, t: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ use std::ops::Range;
 const MOST_SETTLING: usize = 48;
 /// Bins that show the level of a setting undisturbed by its ends: free of data that are late by up to three eighths or early
 /// by up to a quarter of a plateau.
-const REFERENCE: Range<usize> = 3 * BINS / 8..3 * BINS / 4;
+pub(super) const REFERENCE: Range<usize> = 3 * BINS / 8..3 * BINS / 4;
 
 /// How much of a neighbouring step a bin shows.
 #[derive(Clone, Copy, Debug)]
@@ -99,7 +99,7 @@ impl Accumulator {
     }
 
     /// The same of every setting.
-    fn levels(&self, bins: Range<usize>) -> Vec<Option<[f64; 3]>> {
+    pub(super) fn levels(&self, bins: Range<usize>) -> Vec<Option<[f64; 3]>> {
         (0..self.bins.len().min(self.references.len())).map(|setting| self.level(setting, bins.clone())).collect()
     }
 

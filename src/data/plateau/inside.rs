@@ -62,6 +62,15 @@ pub(super) fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: &impl Fn
     spiky
 }
 
+/// Whether the samples of a bin lie between the readings of the setting, `whole`, and the level of the setting beside it, where they scatter alike.
+pub(super) fn is_between(bin: &Bin, whole: &Bin, beside: [f64; 3]) -> bool {
+    (0..3).all(|axis| {
+        let span = whole.max[axis] - whole.min[axis];
+        let (low, high) = (whole.min[axis].min(beside[axis]) - span, whole.max[axis].max(beside[axis]) + span);
+        bin.min[axis] >= low && bin.max[axis] <= high
+    })
+}
+
 /// Contrasts of neighbouring parts at every octave of length, from parts that hold a few samples up to half of the plateau. Bins
 /// with a spike do not count, nor do pairs with a part that lost more than half of its samples.
 #[expect(clippy::cast_precision_loss, reason = "counts are far below 2^53")]

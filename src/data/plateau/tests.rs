@@ -10,6 +10,11 @@ const LENGTH_S: f64 = 8.0;
 /// Settings of ±1900, ±1000 nT and zero on one axis after the other without pauses, seen by an ideal sensor at 128 Hz behind a
 /// first-order lag, with a little noise, `late_s` after the settings, clipped at `clip_ent`.
 fn made(lag_s: f64, late_s: f64, clip_ent: f64) -> Accumulator {
+    made_late(lag_s, |_| late_s, clip_ent)
+}
+
+/// The same with a delay, s, of every setting of its own.
+fn made_late(lag_s: f64, late_s: impl Fn(usize) -> f64, clip_ent: f64) -> Accumulator {
     let mut settings = Vec::new();
     for axis in 0..3 {
         for step in [0.0, 1900.0, -1000.0, 0.0, -1900.0, 1000.0, 1900.0, 0.0, -1900.0] {
@@ -45,7 +50,8 @@ fn made(lag_s: f64, late_s: f64, clip_ent: f64) -> Accumulator {
     for n in 0..(settings.len() as f64 * LENGTH_S * RATE_HZ) as u64 {
         // Samples in the middle of their periods, so that none lies on an edge.
         let t_s = (n as f64 + 0.5) / RATE_HZ;
-        let index = ((t_s - late_s) / LENGTH_S).floor().clamp(0.0, settings.len() as f64 - 1.0) as usize;
+        let index =
+            ((t_s - late_s((t_s / LENGTH_S) as usize)) / LENGTH_S).floor().clamp(0.0, settings.len() as f64 - 1.0) as usize;
         let keep = if lag_s > 0.0 { (-1.0 / (RATE_HZ * lag_s)).exp() } else { 0.0 };
         let reading = std::array::from_fn(|axis| {
             level[axis] = settings[index].field.0[axis] * (1.0 - keep) + level[axis] * keep;
@@ -67,6 +73,24 @@ fn nothing_is_left_out_where_the_field_is_there_at_once() {
     let p = made(0.0, 0.0, 1e9).finish(Cut::default());
     assert_eq!((p.settling_s, p.early_end_s, p.edge_shift_s, p.outside), (0.0, 0.0, 0.0, 0));
     assert!(p.list.iter().all(|p| p.dropped.is_none() && p.count == Some(1024)));
+}
+
+/// Where a sample falls on the edge and its time rounds across it, it shows the setting before, in two of the settings: it is no spike, and not in the
+/// mean.
+#[test]
+fn a_sample_across_the_edge_is_left_out_and_is_no_spike() {
+    let late_s = |setting: usize| if [2, 20].contains(&setting) { 1.0 / RATE_HZ } else { 0.0 };
+    let p = made_late(0.0, late_s, 1e9).finish(Cut::default());
+    assert_eq!((p.settling_s, p.list.iter().map(|p| p.spike_samples).sum::<u64>()), (0.0, 0));
+    for p in &p.list {
+        let off = (0..3).map(|axis| (p.mean.0[axis] - p.setting.field.0[axis]).abs()).fold(0.0, f64::max);
+        // The noise of a sample is at most 0.25.
+        assert!(off < 0.05 && p.count >= Some(1008), "{off} {:?}", p.count);
+    }
+    // A reading in the first bin that no setting beside it has is one.
+    let mut spiked = made(0.0, 0.0, 1e9);
+    spiked.bins[5][0].max[1] = 5000.0;
+    assert_eq!(spiked.finish(Cut::default()).list[5].spike_samples, 16);
 }
 
 #[test]

@@ -441,6 +441,19 @@ impl<'a, S: VectorSink> Parser<'a, S> {
         }
         let Some(section) = Section::ALL.into_iter().find(|s| s.name().as_bytes() == name) else {
             self.state = State::UnknownSection;
+            let word = name.split(u8::is_ascii_whitespace).next().unwrap_or_default();
+            if let Some(section) = Section::ALL.into_iter().find(|s| s.name().as_bytes() == word) {
+                // Its rows would be lost, and the run would seem to have none.
+                let rule = format!("{} has more on its line than its name", section.name());
+                return Err(Finding::error(
+                    self.file,
+                    rule,
+                    "write the name alone on its line, and a comment on a line of its own that begins with #",
+                )
+                .at(self.line, word.len() as u64 + 1)
+                .found(name)
+                .into());
+            }
             self.findings.push(
                 Finding::error(
                     self.file,

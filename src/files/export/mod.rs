@@ -8,6 +8,7 @@ pub mod rpcmag;
 
 use super::parameter::{AnyFile, Body, ParameterFile, read, read_any};
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::provenance::Provenance;
 use std::path::{Path, PathBuf};
 
@@ -64,6 +65,12 @@ impl Source {
     #[must_use]
     pub fn input(&self) -> &crate::data::provenance::Input {
         &self.file.input
+    }
+
+    /// What qualifies its values.
+    #[must_use]
+    pub fn notes(&self) -> Vec<Note> {
+        self.file.told.with_values_of(self.name())
     }
 
     fn name(&self) -> &str {

@@ -12,6 +12,7 @@ use crate::data::across::LinearScope;
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
+use crate::data::note::Told;
 use crate::data::reference::Reference;
 use crate::data::result::{Covariance, Rows};
 use crate::files::ccr::run_id_is_safe;
@@ -23,7 +24,7 @@ use crate::model::polynomial::TemperaturePolynomial;
 use covariance::Known;
 pub use covariance::is_named;
 use nalgebra::DMatrix;
-pub use read::{parse, read};
+pub use read::{parse, read, read_alone};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -64,6 +65,9 @@ pub struct RpcMag {
     /// Model files whose effects were taken off the readings of the runs before.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub known_effects: Vec<String>,
+    /// What qualifies the values of the files that it was made from.
+    #[serde(flatten)]
+    pub told: Told,
 }
 
 /// Label, number of values, what it is.
@@ -157,6 +161,11 @@ impl RpcMag {
             let what = "model files whose effects were taken off the readings before";
             let _ = writeln!(out, "\n# {what}\nknown_effects = [{}]", files.join(", "));
         }
+        if !self.told.warnings.is_empty() {
+            let notes = serde_json::to_value(&self.told)?;
+            let notes = notes.as_object().cloned().unwrap_or_default();
+            let _ = write!(out, "\n# what the files that it was made from say against their values\n{}", parameter::toml(&notes));
+        }
         let mut tables = serde_json::Map::new();
         tables.insert("apply".to_owned(), serde_json::to_value(how_it_is_applied())?);
         if let Some(covariance) = &self.covariance {
@@ -235,6 +244,7 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
         covariance: None,
         valid_field_nt: None,
         known_effects: Vec::new(),
+        told: Told::of(&sources.iter().flat_map(Source::notes).collect::<Vec<_>>()),
     };
     let mut known = Known::default();
     let mut offset_known = tof.is_some();

@@ -1,6 +1,7 @@
 //! Auxiliary tables of flight processing: attitude, positions, wheels, heater states, offsets, calm times.
 
 use super::mission::{Celestial, Jump, OffsetFrame, Span};
+use super::times::TimeRule;
 use crate::data::error::Finding;
 use crate::data::provenance::Input;
 use crate::data::time::{LeapSeconds, Tt2000};
@@ -61,14 +62,8 @@ fn refuse(path: &Path, row: usize, rule: &str, remedy: &str) -> Finding {
 }
 
 /// The times of the rows that are read, which must rise.
-fn times(table: &SeriesTable, path: &Path, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
-    let names = table.names();
-    let has = |name: &str| names.iter().any(|n| n == name);
-    let time = match (has("time_tt2000"), has("time_utc"), has("time_obt")) {
-        (true, ..) => table.tt2000("time_tt2000")?,
-        (false, false, true) => table.clock("time_obt", leap)?,
-        _ => table.utc("time_utc", leap)?,
-    };
+fn times(table: &SeriesTable, path: &Path, rule: TimeRule, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
+    let time = rule.beside(table).times(table, path, leap)?;
     match time.windows(2).position(|pair| pair[0] >= pair[1]) {
         Some(row) => Err(not_rising(path, table.before() + row + 1)),
         None => Ok(time),
@@ -84,11 +79,11 @@ pub trait Timed: Sized {
     /// What the configuration says of the table.
     type Stated;
 
-    /// Reads the rows that a table is narrowed to.
+    /// Reads the rows that a table is narrowed to, whose times are known.
     ///
     /// # Errors
     /// What is wrong with the table, with its row.
-    fn read(table: &SeriesTable, path: &Path, stated: &Self::Stated, leap: &LeapSeconds) -> Result<Self, Finding>;
+    fn read(table: &SeriesTable, time: Vec<Tt2000>, path: &Path, stated: &Self::Stated) -> Result<Self, Finding>;
 
     /// The times of the rows.
     fn times(&self) -> &[Tt2000];
@@ -99,6 +94,7 @@ pub trait Timed: Sized {
 pub struct Timeline<T: Timed> {
     path: PathBuf,
     stated: T::Stated,
+    rule: TimeRule,
     groups: Vec<Group>,
     /// The groups that were read last: the sensors of a day, and the days of a month, lie in the same ones.
     kept: Mutex<Option<(Range<usize>, Arc<T>)>>,
@@ -121,13 +117,13 @@ impl<T: Timed> Timeline<T> {
     ///
     /// # Errors
     /// What is wrong with the table, with its row; a table without rows.
-    pub fn open(path: &Path, stated: T::Stated, leap: &LeapSeconds) -> Result<(Self, Input), Finding> {
+    pub fn open(path: &Path, stated: T::Stated, rule: TimeRule, leap: &LeapSeconds) -> Result<(Self, Input), Finding> {
         let mut table = SeriesTable::open(path)?;
         let mut groups: Vec<Group> = Vec::new();
         let mut begin = 0;
         for rows in table.group_rows() {
             table.narrow(begin..begin + rows);
-            let part = T::read(&table, path, &stated, leap)?;
+            let part = T::read(&table, times(&table, path, rule, leap)?, path, &stated)?;
             if let (Some(first), Some(last)) = (part.times().first(), part.times().last()) {
                 if groups.last().is_some_and(|group| group.last >= *first) {
                     return Err(not_rising(path, begin));
@@ -139,7 +135,7 @@ impl<T: Timed> Timeline<T> {
         if groups.is_empty() {
             return Err(Finding::error(&path.display().to_string(), "has no rows", "make the table again"));
         }
-        Ok((Self { path: path.to_owned(), stated, groups, kept: Mutex::default() }, input(path)?))
+        Ok((Self { path: path.to_owned(), stated, rule, groups, kept: Mutex::default() }, input(path)?))
     }
 
     /// The rows of the groups that a stretch lies in, with some beside it.
@@ -165,7 +161,7 @@ impl<T: Timed> Timeline<T> {
         let last = self.groups[behind - 1];
         let mut table = SeriesTable::open(&self.path)?;
         table.narrow(self.groups[first].begin..last.begin + last.rows);
-        let rows = Arc::new(T::read(&table, &self.path, &self.stated, leap)?);
+        let rows = Arc::new(T::read(&table, times(&table, &self.path, self.rule, leap)?, &self.path, &self.stated)?);
         *self.kept() = Some((wanted, Arc::clone(&rows)));
         Ok(rows)
     }
@@ -178,8 +174,7 @@ impl<T: Timed> Timeline<T> {
 impl Timed for Attitude {
     type Stated = Celestial;
 
-    fn read(table: &SeriesTable, path: &Path, celestial: &Celestial, leap: &LeapSeconds) -> Result<Self, Finding> {
-        let time = times(table, path, leap)?;
+    fn read(table: &SeriesTable, time: Vec<Tt2000>, path: &Path, celestial: &Celestial) -> Result<Self, Finding> {
         for (key, stated) in [
             ("frame", celestial.frame.as_str()),
             ("attitude_order", if celestial.scalar_first { "scalar-first" } else { "scalar-last" }),
@@ -214,8 +209,7 @@ impl Timed for Attitude {
 impl Timed for Positions {
     type Stated = ();
 
-    fn read(table: &SeriesTable, path: &Path, (): &(), leap: &LeapSeconds) -> Result<Self, Finding> {
-        let time = times(table, path, leap)?;
+    fn read(table: &SeriesTable, time: Vec<Tt2000>, path: &Path, (): &()) -> Result<Self, Finding> {
         let [x, y, z] = [table.numbers("x_km")?, table.numbers("y_km")?, table.numbers("z_km")?];
         if let Some(row) = (0..time.len()).find(|row| ![x[*row], y[*row], z[*row]].iter().all(|v| v.is_finite())) {
             return Err(refuse(path, table.before() + row, "the position has no value", "leave the row out"));
@@ -233,8 +227,7 @@ impl Timed for Positions {
 impl Timed for WheelRates {
     type Stated = ();
 
-    fn read(table: &SeriesTable, path: &Path, (): &(), leap: &LeapSeconds) -> Result<Self, Finding> {
-        let time = times(table, path, leap)?;
+    fn read(table: &SeriesTable, time: Vec<Tt2000>, path: &Path, (): &()) -> Result<Self, Finding> {
         let names: Vec<String> = table.names().into_iter().filter(|name| name.to_lowercase().ends_with("_hz")).collect();
         if names.is_empty() {
             let rule = "has no column of wheel rates";
@@ -262,8 +255,7 @@ impl Timed for ModelField {
     /// The frame.
     type Stated = String;
 
-    fn read(table: &SeriesTable, path: &Path, frame: &String, leap: &LeapSeconds) -> Result<Self, Finding> {
-        let time = times(table, path, leap)?;
+    fn read(table: &SeriesTable, time: Vec<Tt2000>, path: &Path, frame: &String) -> Result<Self, Finding> {
         if let Some(own) = table.says("frame").filter(|own| own != frame) {
             let rule = format!("is of the frame {own}, the attitude of the configuration of {frame}");
             return Err(Finding::error(&path.display().to_string(), rule, "take a model of the same frame"));
@@ -282,12 +274,8 @@ impl Timed for ModelField {
 }
 
 /// Begins and ends of the intervals of a table, `from_tt2000` and `to_tt2000` or `from` and `to`.
-fn intervals(table: &SeriesTable, path: &Path, leap: &LeapSeconds) -> Result<Vec<Span>, Finding> {
-    let names = table.names();
-    let time = |tt2000: &str, utc: &str| {
-        if names.iter().any(|n| n == tt2000) { table.tt2000(tt2000) } else { table.utc(utc, leap) }
-    };
-    let (from, to) = (time("from_tt2000", "from")?, time("to_tt2000", "to")?);
+fn intervals(table: &SeriesTable, path: &Path, rule: TimeRule, leap: &LeapSeconds) -> Result<Vec<Span>, Finding> {
+    let (from, to) = (rule.ends(table, "from", path, leap)?, rule.ends(table, "to", path, leap)?);
     if let Some(row) = (0..from.len()).find(|row| from[*row] >= to[*row]) {
         return Err(refuse(path, row, "the interval ends before it begins", "correct it"));
     }
@@ -298,8 +286,8 @@ fn intervals(table: &SeriesTable, path: &Path, leap: &LeapSeconds) -> Result<Vec
 ///
 /// # Errors
 /// What is wrong with the table, with its row; a table without rows.
-pub fn calm(path: &Path, leap: &LeapSeconds) -> Result<(Vec<Span>, Input), Finding> {
-    let spans = intervals(&SeriesTable::open(path)?, path, leap)?;
+pub fn calm(path: &Path, rule: TimeRule, leap: &LeapSeconds) -> Result<(Vec<Span>, Input), Finding> {
+    let spans = intervals(&SeriesTable::open(path)?, path, rule, leap)?;
     if spans.is_empty() {
         return Err(Finding::error(&path.display().to_string(), "has no rows", "name the calm times, or leave --calm out"));
     }
@@ -312,10 +300,16 @@ pub fn calm(path: &Path, leap: &LeapSeconds) -> Result<(Vec<Span>, Input), Findi
 /// # Errors
 /// What is wrong with the table, with its row: an interval that ends before it begins, a component that is no number, a range that is none, no
 /// row of the sensor.
-pub fn offsets(path: &Path, sensor: &str, frame: OffsetFrame, leap: &LeapSeconds) -> Result<(Vec<Jump>, Input), Finding> {
+pub fn offsets(
+    path: &Path,
+    sensor: &str,
+    frame: OffsetFrame,
+    rule: TimeRule,
+    leap: &LeapSeconds,
+) -> Result<(Vec<Jump>, Input), Finding> {
     let table = SeriesTable::open(path)?;
     let names = table.names();
-    let spans = intervals(&table, path, leap)?;
+    let spans = intervals(&table, path, rule, leap)?;
     let has = |name: &str| names.iter().any(|n| n == name);
     let sensors = if has("sensor") { Some(table.words("sensor")?) } else { None };
     let ranges = if has("range") { Some(table.numbers("range")?) } else { None };
@@ -352,10 +346,11 @@ pub fn offsets(path: &Path, sensor: &str, frame: OffsetFrame, leap: &LeapSeconds
 /// Reads a table of heater states.
 ///
 /// # Errors
-/// What is wrong with the table, with its row: an interval that ends before it begins, a class that the configuration does not name.
-pub fn heater(path: &Path, classes: &[String], leap: &LeapSeconds) -> Result<(Vec<HeaterOn>, Input), Finding> {
+/// What is wrong with the table, with its row: an interval that ends before it begins, a class that the configuration does not name, two rows of a
+/// heater for the same moment; a table without rows.
+pub fn heater(path: &Path, classes: &[String], rule: TimeRule, leap: &LeapSeconds) -> Result<(Vec<HeaterOn>, Input), Finding> {
     let table = SeriesTable::open(path)?;
-    let spans = intervals(&table, path, leap)?;
+    let spans = intervals(&table, path, rule, leap)?;
     let words = table.words("cls")?;
     let mut list = Vec::with_capacity(spans.len());
     for (row, span) in spans.iter().enumerate() {
@@ -365,6 +360,21 @@ pub fn heater(path: &Path, classes: &[String], leap: &LeapSeconds) -> Result<(Ve
             return Err(refuse(path, row, &format!("the heater {word} is none of {}", classes.join(", ")), remedy));
         };
         list.push(HeaterOn { from_tt2000: span.from, to_tt2000: span.to, class });
+    }
+    if list.is_empty() {
+        let remedy = "make the table again, or leave it out: heaters are then found in the field";
+        return Err(Finding::error(&path.display().to_string(), "has no rows", remedy));
+    }
+    let mut order: Vec<usize> = (0..list.len()).collect();
+    order.sort_by_key(|row| (list[*row].class, list[*row].from_tt2000));
+    let is_double = |pair: &&[usize]| {
+        let [first, second] = [list[pair[0]], list[pair[1]]];
+        first.class == second.class && second.from_tt2000 < first.to_tt2000
+    };
+    if let Some(pair) = order.windows(2).find(is_double) {
+        let (name, other) = (&classes[list[pair[0]].class], pair[0] + 1);
+        let rule = format!("the heater {name} is on in row {other} and in this one at the same time");
+        return Err(refuse(path, pair[1], &rule, "a heater has one row for every time that it is on: correct the table"));
     }
     Ok((list, input(path)?))
 }
@@ -391,7 +401,7 @@ mod tests {
         writer.finish().unwrap();
 
         let leap = LeapSeconds::default();
-        let (table, _) = Timeline::<Positions>::open(&path, (), &leap).unwrap();
+        let (table, _) = Timeline::<Positions>::open(&path, (), TimeRule::default(), &leap).unwrap();
         let over = |from: i64, to: i64| table.over(&(from * SECOND_NS..to * SECOND_NS), &leap).unwrap();
         let seconds = |rows: &Positions| rows.time.iter().map(|t| t / SECOND_NS).collect::<Vec<i64>>();
         let first = over(1, 2);

@@ -1,6 +1,6 @@
 //! EDITED telemetry: signed counts with time tags, thermistor counts, quality and mode (RO-IGEP-TR0028 section 4.1.2).
 
-use super::mission::{Counts, Mission, Sensor, TimeColumn};
+use super::mission::{Counts, Mission, Sensor};
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000, day_of};
 use crate::files::source::{Digested, digest};
@@ -231,52 +231,6 @@ impl Open<'_> {
         let row = self.table.before() + row + 1;
         Finding::error(&self.path.display().to_string(), format!("row {row}: {rule}"), remedy)
     }
-
-    fn times(&self, column: TimeColumn) -> Result<Option<Vec<Tt2000>>, Finding> {
-        let Some(name) = self.names.get(column.name()) else { return Ok(None) };
-        Ok(Some(match column {
-            TimeColumn::Tt2000 => self.table.tt2000(name)?,
-            TimeColumn::Utc => self.table.utc(name, self.leap)?,
-            TimeColumn::Obt => self.table.clock(name, self.leap)?,
-        }))
-    }
-
-    /// The time tags, after a look whether all columns of times say the same.
-    fn tags(&self, primary: Option<TimeColumn>, tolerance_ns: i64) -> Result<Vec<Tt2000>, Finding> {
-        let there: Vec<TimeColumn> = TimeColumn::ALL.into_iter().filter(|c| self.names.contains_key(c.name())).collect();
-        let first = primary.filter(|c| there.contains(c)).or(there.first().copied());
-        let Some(primary) = first.filter(|_| primary.is_none_or(|c| there.contains(&c))) else {
-            let wanted = primary.map_or("time_tt2000, time_utc or time_obt", TimeColumn::name);
-            let rule = format!("has no column of times: {wanted}");
-            return Err(Finding::error(&self.path.display().to_string(), rule, "add it"));
-        };
-        let mut tags = self.times(primary)?.unwrap_or_default();
-        for other in there.iter().filter(|c| **c != primary) {
-            let others = self.times(*other)?.unwrap_or_default();
-            // Timestamps know no leap second, so that the label of a time counts there, not the time.
-            let with_utc = [*other, primary].contains(&TimeColumn::Utc);
-            let far = |a: Tt2000, b: Tt2000| (a - b).abs() > tolerance_ns;
-            let differs = |(a, b): (&Tt2000, &Tt2000)| {
-                far(*a, *b) && (!with_utc || far(self.leap.through_timestamp(*a), self.leap.through_timestamp(*b)))
-            };
-            if let Some(row) = tags.iter().zip(&others).position(differs) {
-                let (a, b) = (self.leap.utc(tags[row]), self.leap.utc(others[row]));
-                let rule = format!("`{}` says {a}, `{}` {b}", primary.name(), other.name());
-                return Err(self.refuse(
-                    row,
-                    &rule,
-                    "say which one counts with [time] primary, and how far they may differ with tolerance_s",
-                ));
-            }
-            if primary == TimeColumn::Utc {
-                // A timestamp has one value for a whole leap second; the other column tells the times within.
-                let is_within = |time: Tt2000| self.leap.through_timestamp(time) != time;
-                let told = tags.iter_mut().zip(&others).filter(|(tag, other)| is_within(**other) && !is_within(**tag));
-                told.for_each(|(tag, other)| *tag = *other);
-            }
-        }
-        Ok(tags)
-    }
 }
 
 fn open<'a>(path: &'a Path, leap: &'a LeapSeconds) -> Result<Open<'a>, Finding> {
@@ -298,7 +252,7 @@ pub fn read<const N: usize>(
     wanted: [&std::ops::Range<Tt2000>; N],
 ) -> Result<[Rows; N], Finding> {
     let mut open = open(&file.path, leap)?;
-    let all_tags = open.tags(mission.primary_time, mission.time_tolerance_ns)?;
+    let all_tags = mission.time_rule.times(&open.table, &file.path, leap)?;
     if let Some(day) = file.day {
         let span = leap.day(day);
         let inside = span.start - BEYOND_NS..span.end + BEYOND_NS;
@@ -326,7 +280,7 @@ pub fn read<const N: usize>(
 /// # Errors
 /// As [`read`].
 pub fn read_times(file: &EditedFile, mission: &Mission, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
-    open(&file.path, leap)?.tags(mission.primary_time, mission.time_tolerance_ns)
+    mission.time_rule.times(&SeriesTable::open(&file.path)?, &file.path, leap)
 }
 
 /// The times of a table beside the telemetry: by the column that counts there or, if the table does not have it, by the first one it has.
@@ -334,9 +288,8 @@ pub fn read_times(file: &EditedFile, mission: &Mission, leap: &LeapSeconds) -> R
 /// # Errors
 /// As [`read`].
 pub fn times_beside(path: &Path, mission: &Mission, leap: &LeapSeconds) -> Result<Vec<Tt2000>, Finding> {
-    let open = open(path, leap)?;
-    let primary = mission.primary_time.filter(|c| open.names.contains_key(c.name()));
-    open.tags(primary, mission.time_tolerance_ns)
+    let table = SeriesTable::open(path)?;
+    mission.time_rule.beside(&table).times(&table, path, leap)
 }
 
 /// Size and hash of a file.

@@ -1,5 +1,6 @@
 //! What `flight.toml` says: a mission's sensors, modes, frames, tables and the steps of its processing.
 
+use super::times::TimeRule;
 use crate::data::convention::Convention;
 use crate::data::time::Tt2000;
 use nalgebra::{Matrix3, Vector3};
@@ -38,32 +39,6 @@ pub fn overlap(entries: impl IntoIterator<Item = (Span, Option<u8>)>) -> Option<
         let mut later = sorted[index + 1..].iter().take_while(|(other, _)| other.from < span.to);
         later.find(|(_, other)| range.is_none() || other.is_none() || range == other).map(|(other, _)| other.from)
     })
-}
-
-/// Which of the time columns counts.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum TimeColumn {
-    /// `time_tt2000`.
-    Tt2000,
-    /// `time_utc`.
-    Utc,
-    /// `time_obt`.
-    Obt,
-}
-
-impl TimeColumn {
-    /// The columns in the order in which they count.
-    pub const ALL: [TimeColumn; 3] = [TimeColumn::Tt2000, TimeColumn::Utc, TimeColumn::Obt];
-
-    /// Its name in tables.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            TimeColumn::Tt2000 => "time_tt2000",
-            TimeColumn::Utc => "time_utc",
-            TimeColumn::Obt => "time_obt",
-        }
-    }
 }
 
 /// What becomes of vectors outside of the temperatures of a calibration.
@@ -394,10 +369,8 @@ pub struct Mission {
     pub input: PathBuf,
     /// Folder of the housekeeping.
     pub hk: Option<PathBuf>,
-    /// The time column that counts, if it is stated.
-    pub primary_time: Option<TimeColumn>,
-    /// How far time columns may differ, ns.
-    pub time_tolerance_ns: i64,
+    /// Which column of times counts, and how far others may differ.
+    pub time_rule: TimeRule,
     /// Vectors with one of these bits of `quality` are rejected.
     pub reject_mask: u8,
     /// Mode of all vectors.

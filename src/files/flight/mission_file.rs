@@ -3,9 +3,10 @@
 mod sensor;
 
 use super::mission::{
-    Celestial, Common, Disturbance, Heater, MeansFrame, Mission, Mode, OutsideTemperature, Rate, Roles, Sensor, Span, TimeColumn,
-    Wheels, overlap,
+    Celestial, Common, Disturbance, Heater, MeansFrame, Mission, Mode, OutsideTemperature, Rate, Roles, Sensor, Span, Wheels,
+    overlap,
 };
+use super::times::{TimeColumn, TimeRule};
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000, ns};
 use crate::files::source::{Digested, read_whole, small_text};
@@ -120,7 +121,7 @@ impl MissionFile<'_> {
         let (outside, extended_degc, smooth_s) =
             temperature.map_or(Ok((OutsideTemperature::Null, None, 0.0)), |g| outside(&g))?;
         let time = root.group("time")?;
-        let (primary_time, tolerance_s) = time.map_or(Ok((None, 1e-3)), |g| time_rule(&g))?;
+        let (primary, tolerance_s) = time.map_or(Ok((None, 1e-3)), |g| time_rule(&g))?;
         let edited = root.group("edited")?;
         let (reject_mask, sid) = edited.map_or(Ok((7, None)), |g| edited_rule(&g))?;
         let (continuity, reset_gap_s) = continuity.map_or(Ok((true, 10_800.0)), |g| {
@@ -151,8 +152,7 @@ impl MissionFile<'_> {
             instrument: needed(root, "instrument", root.text("instrument")?)?,
             input: needed(root, "input", self.path(root, "input")?)?,
             hk: self.path(root, "hk")?,
-            primary_time,
-            time_tolerance_ns: ns(tolerance_s),
+            time_rule: TimeRule { primary, tolerance_ns: ns(tolerance_s) },
             reject_mask,
             sid,
             mode_spans,

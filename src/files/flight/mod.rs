@@ -7,5 +7,6 @@ pub mod levels;
 pub mod mission;
 mod mission_file;
 pub mod text;
+pub mod times;
 
 pub use mission_file::{is_mission, read as read_mission};

@@ -2,21 +2,27 @@
 
 use super::thermal::NO_CHANNEL;
 use super::{Cpf, Opf, Tcf, ThermalHead, Tof, Tpf};
+use crate::data::across::FollowedThermistor;
 use crate::data::apply::OffsetQuantity;
 use crate::data::convention::Convention;
 use crate::data::error::Finding;
+use crate::data::note::Note;
 use crate::data::provenance::Input;
 use crate::data::reference::{Reference, is_orthonormal, is_rotation};
 use crate::data::result::{Covariance, Rows, valid_of_run};
 use crate::data::run::Location;
 use crate::data::units::COMPONENTS;
+use crate::fit::propagate::block_diagonal;
 use crate::model::field_calibration::{Coefficient, Coefficients, FieldRange, Frame, MatrixForm, Parameter};
+use crate::model::lag::Lag;
 use crate::model::polynomial::{TemperaturePolynomial, value};
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::{DMatrix, DVector, Matrix3};
 use std::path::Path;
 
 /// Sensitivities and angles, in the order in which a calibration takes them.
 const QUANTITIES: [&str; 6] = ["sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz", "xi_yz"];
+/// Offset and residual field behind them.
+const B_OR: [&str; 3] = ["b_or_x", "b_or_y", "b_or_z"];
 
 /// The part of one file.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,8 +39,12 @@ pub struct FieldPart {
     pub known_effects: Vec<String>,
     /// These model files themselves, where the file says with which it was made; a ground calibration file has their names alone.
     pub models: Vec<Input>,
+    /// What qualifies its values.
+    pub notes: Vec<Note>,
     /// How the sensor stands in its reference cube, if the file tells it.
     pub reference: Option<Reference>,
+    /// How the part of the sensor whose temperature the coefficients follow goes after the thermistor, where the two differ.
+    pub lag: Option<Lag>,
     /// The frame of the result, in words.
     pub frame: String,
     /// The coefficients.
@@ -177,7 +187,9 @@ impl Cpf {
             channel: None,
             known_effects: self.model.iter().map(|m| m.file.clone()).collect(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: own.reference.clone(),
+            lag: None,
             frame: match frame {
                 Frame::Coil => "coil: X_c, Y_c, Z_c".to_owned(),
                 _ => Convention::BepiColombo.sensor_frame().to_owned(),
@@ -194,6 +206,11 @@ impl Cpf {
             },
         }
     }
+}
+
+/// A lag as a file states it.
+pub(super) fn lag_of(followed: Option<&FollowedThermistor>) -> Option<Lag> {
+    followed.and_then(|followed| Lag::named(&followed.form, followed.lag_s))
 }
 
 /// Derivatives of the elements of `φ̃` and of the offsets by those of `Φ = R φ̃` and the offsets. `φ̃` stays lower triangular, so that
@@ -240,6 +257,41 @@ impl Tpf {
         if self.scope.known_effects.is_empty() { of_sweep.into_iter().collect() } else { self.scope.known_effects.clone() }
     }
 
+    /// The lag of its temperatures; files of sweeps from before that key have it with the sweep.
+    pub(super) fn lag(&self) -> Option<Lag> {
+        let of_sweep = || FollowedThermistor::of(self.sweep.as_ref()?.applied_lag.as_ref()?);
+        lag_of(self.scope.thermistor_lag.clone().or_else(of_sweep).as_ref())
+    }
+
+    /// Covariance of the coefficients of σ, ξ and B_or with what they have in common: as one fit gave it, or the blocks of type A and one change
+    /// of all of them for every source that the runs share; `None` where the file states neither.
+    fn whole_covariance(&self, counts: &[usize]) -> Option<DMatrix<f64>> {
+        let named = QUANTITIES.iter().chain(&B_OR).zip(counts);
+        let names: Vec<String> = named.clone().flat_map(|(name, n)| (0..*n).map(move |k| format!("{name}.{k}"))).collect();
+        // One of type A does not stand for combined ones.
+        if self.head.covariance_combined.is_empty() {
+            return sub_covariance(self.together.as_ref()?, &names);
+        }
+        if let Some(together) = &self.together_combined {
+            return sub_covariance(together, &names);
+        }
+        if self.head.common.is_empty() {
+            return None;
+        }
+        let own: Option<Vec<DMatrix<f64>>> =
+            named.clone().map(|(name, n)| matrix_of(self.head.covariance.get(*name)?, *n)).collect();
+        let mut whole = block_diagonal(own?.iter());
+        for source in &self.head.common {
+            let change = named.clone().map(|(name, n)| match source.change.get(*name) {
+                None => Some(vec![0.0; *n]),
+                Some(change) => Some(change.clone()).filter(|change| change.len() == *n),
+            });
+            let change = DVector::from_vec(change.collect::<Option<Vec<_>>>()?.concat());
+            whole += &change * change.transpose();
+        }
+        Some(whole)
+    }
+
     /// Refuses polynomials of no sensor.
     pub(super) fn is_consistent(&self, path: &Path) -> Result<(), Finding> {
         let sigma = [&self.sigma_x, &self.sigma_y, &self.sigma_z];
@@ -248,16 +300,14 @@ impl Tpf {
 
     /// Its part.
     pub(super) fn part(&self) -> FieldPart {
-        let (sigma, xi) = (self.sigma(), self.xi_deg());
+        let (sigma, xi, offset) = (self.sigma(), self.xi_deg(), self.b_or_ent());
         let parts = with_three(Coefficients::default(), Parameter::Sigma, &sigma);
-        let mut parts = with_three(parts, Parameter::Xi, &xi);
-        let named = QUANTITIES.iter().zip(sigma.iter().chain(&xi));
-        let names: Vec<String> =
-            named.flat_map(|(name, p)| (0..p.coefficients.len()).map(move |k| format!("{name}.{k}"))).collect();
-        // One of type A does not stand for combined ones.
-        let stated = if self.head.covariance_combined.is_empty() { &self.together } else { &self.together_combined };
-        if let Some(together) = stated.as_ref().and_then(|c| sub_covariance(c, &names)) {
-            parts.covariance = Some(together);
+        let parts = with_three(parts, Parameter::Xi, &xi);
+        let mut parts = with_three(parts, Parameter::Offset, &offset);
+        let counts: Vec<usize> = sigma.iter().chain(&xi).chain(&offset).map(|p| p.coefficients.len()).collect();
+        // The blocks of single quantities are without what they have in common.
+        if let Some(whole) = self.whole_covariance(&counts) {
+            parts.covariance = Some(whole);
         }
         FieldPart {
             sensor: self.head.sensor.clone(),
@@ -266,7 +316,9 @@ impl Tpf {
             channel: self.head.stated_channel(),
             known_effects: self.known_effects(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: self.reference.clone(),
+            lag: self.lag(),
             frame: Convention::BepiColombo.sensor_frame().to_owned(),
             coefficients: Coefficients {
                 linearisation: self.scope.linearisation.as_ref().map(|l| l.applied.clone()),
@@ -274,7 +326,7 @@ impl Tpf {
                 offset: Some(OffsetQuantity::BOr),
                 valid_degc: Some(self.head.valid_degc),
                 range: along_sensor_axes(self.scope.valid_field_nt),
-                ..with_three(parts, Parameter::Offset, &self.b_or_ent())
+                ..parts
             },
         }
     }
@@ -296,7 +348,9 @@ impl Tof {
             channel: self.head.stated_channel(),
             known_effects: Vec::new(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: None,
+            lag: None,
             frame: String::new(),
             coefficients: with_three(parts, Parameter::Offset, &self.head.polynomials(named)),
         }
@@ -359,7 +413,9 @@ impl Opf {
             channel: self.conditions.as_ref().map(|c| c.sensor_channel.clone()),
             known_effects: Vec::new(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: None,
+            lag: None,
             frame: String::new(),
             coefficients: parts,
         }
@@ -399,7 +455,9 @@ impl Tcf {
             channel: stated(&self.channel),
             known_effects: self.scope.known_effects.clone(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: self.reference.clone(),
+            lag: lag_of(self.scope.thermistor_lag.as_ref()),
             frame: Convention::Rosetta.sensor_frame().to_owned(),
             coefficients: Coefficients {
                 linearisation: self.scope.linearisation.as_ref().map(|l| l.applied.clone()),

@@ -190,7 +190,8 @@ fn check<B: Body>(path: &Path) -> Result<(), Finding> {
 fn field<B: Body>(path: &Path, frame: Frame) -> Result<(Option<FieldPart>, Input), Finding> {
     let file = read::<B>(path)?;
     let models: Vec<Input> = file.provenance.input.iter().filter(|input| input.role == Some(Role::Model)).cloned().collect();
-    Ok((file.body.field(frame).map(|part| FieldPart { models, ..part }), file.input))
+    let notes = file.told.with_values_of(&file.input.path);
+    Ok((file.body.field(frame).map(|part| FieldPart { models, notes, ..part }), file.input))
 }
 
 fn rewritten<B: Body>(path: &Path) -> Result<String, Finding> {

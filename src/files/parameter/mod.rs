@@ -45,6 +45,7 @@ pub use thermistor::{ThermistorConvention, ThermistorFile};
 use super::source::{hex, read_whole};
 use crate::data::apply::Apply;
 use crate::data::error::Finding;
+use crate::data::note::Told;
 use crate::data::provenance::{Input, Provenance};
 use crate::model::field_calibration::Frame;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
@@ -92,6 +93,8 @@ struct Head {
     format: String,
     version: u32,
     provenance: Provenance,
+    #[serde(flatten)]
+    told: Told,
 }
 
 /// A parameter file as it was read.
@@ -101,6 +104,8 @@ pub struct ParameterFile<B> {
     pub input: Input,
     /// Where it comes from.
     pub provenance: Provenance,
+    /// What a person should know of it.
+    pub told: Told,
     /// What it holds.
     pub body: B,
 }
@@ -157,6 +162,8 @@ pub struct AnyFile {
     pub input: Input,
     /// Where it comes from.
     pub provenance: Provenance,
+    /// What a person should know of it.
+    pub told: Told,
     /// All of it.
     pub document: DocumentMut,
 }
@@ -196,7 +203,7 @@ pub fn read_any(path: &Path) -> Result<AnyFile, Finding> {
     if let Some(kind) = FileKind::of_format(&head.format) {
         (kind.is_sound)(path, &text)?;
     }
-    Ok(AnyFile { input, provenance: head.provenance, document })
+    Ok(AnyFile { input, provenance: head.provenance, told: head.told, document })
 }
 
 /// Reads a parameter file of a known kind and checks its hash.
@@ -209,7 +216,7 @@ pub fn read<B: Body>(path: &Path) -> Result<ParameterFile<B>, Finding> {
         let rule = format!("holds format {}, not {}", head.format, B::FORMAT);
         return Err(Finding::error(&path.display().to_string(), rule, "name a file of the right kind"));
     }
-    Ok(ParameterFile { input, provenance: head.provenance, body: body(path, &text)? })
+    Ok(ParameterFile { input, provenance: head.provenance, told: head.told, body: body(path, &text)? })
 }
 
 /// What the text of a file of a known kind holds, if that can be.

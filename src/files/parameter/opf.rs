@@ -105,6 +105,7 @@ impl Body for Opf {
         "residual_std_ent",
         "residual_coil_nt",
         "residual_coil_std_nt",
+        "offset_degc",
         "scaled",
         "std_b",
         "std_combined",

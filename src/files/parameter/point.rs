@@ -7,6 +7,7 @@ use crate::data::calibration::LinearTypeB;
 use crate::data::convention::{Alignment, Convention};
 use crate::data::error::{Finding, Severity};
 use crate::data::linearisation::LinearisationApplied;
+use crate::data::note::{Note, Told};
 use crate::data::reference::{Reference, StatedReference, is_rotation};
 use crate::data::result::Rows;
 use crate::files::source::{Digested, read_whole};
@@ -17,6 +18,8 @@ use std::path::Path;
 struct Head {
     format: String,
     version: u32,
+    #[serde(flatten)]
+    told: Told,
 }
 
 #[derive(Deserialize)]
@@ -89,10 +92,17 @@ struct OpfKeys {
     run: RunAtTemperature,
     offset_ent: [f64; 3],
     offset_std_ent: Option<[f64; 3]>,
+    offset_degc: Option<[f64; 3]>,
     residual_ent: Option<[f64; 3]>,
     residual_std_ent: Option<[f64; 3]>,
+    std_b: Option<OffsetStdKeys>,
     method: Option<MethodKeys>,
     conditions: Option<ConditionsKeys>,
+}
+
+#[derive(Deserialize)]
+struct OffsetStdKeys {
+    offset_ent: Option<[f64; 3]>,
 }
 
 #[derive(Deserialize)]
@@ -154,7 +164,13 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Calibrate
         return Err(refuse(rule, "name CPF, OPF or FPF files"));
     };
     let RunKeys { run, conditions, values, reference } = point(&text).map_err(wrong)?;
-    Ok((CalibratedRun { file, run, channel: conditions.and_then(|c| c.sensor_channel), values, reference }, digested))
+    let (channel, notes) = (conditions.and_then(|c| c.sensor_channel), qualifying(&head.told, &run.id));
+    Ok((CalibratedRun { file, run, channel, values, reference, notes }, digested))
+}
+
+/// What qualifies the values of a run.
+fn qualifying(told: &Told, run: &str) -> Vec<Note> {
+    told.with_values_of(&format!("run {run}"))
 }
 
 /// Reads what an analysis across temperatures needs of the text of a parameter file.
@@ -217,6 +233,7 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
             valid_field_nt: valid.field_coil_nt.zip(matrix.r_nom).map(|(nt, r)| LinearScope::along_sensor_axes(&nt, &r)),
             linearisation,
             known_effects: model.into_iter().map(|m| m.file).collect(),
+            thermistor_lag: None,
         }),
     };
     Ok(RunKeys { run, conditions, values, reference })
@@ -228,6 +245,8 @@ pub(super) fn opf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
     let values = RunValues::Offset {
         offset_ent: keys.offset_ent,
         std: keys.offset_std_ent,
+        std_b: keys.std_b.and_then(|b| b.offset_ent),
+        degc: keys.offset_degc,
         residual_ent: keys.residual_ent.unwrap_or(NONE),
         residual_std: keys.residual_std_ent.unwrap_or(NONE),
         seen_along: keys.method.and_then(|m| m.normal_axis).unwrap_or_default(),
@@ -272,9 +291,11 @@ impl From<&Cpf> for CalibratedRun {
                     valid_field_nt: Some(LinearScope::along_sensor_axes(&own.valid.field_coil_nt, &own.matrix.r_nom)),
                     linearisation: cpf.linearisation.clone(),
                     known_effects: cpf.model.iter().map(|m| m.file.clone()).collect(),
+                    thermistor_lag: None,
                 }),
             },
             reference: own.stated_reference(),
+            notes: qualifying(&cpf.told, &own.run.id),
         }
     }
 }
@@ -288,11 +309,14 @@ impl From<&Opf> for CalibratedRun {
             values: RunValues::Offset {
                 offset_ent: opf.values.offset_ent,
                 std: Some(opf.values.offset_std_ent),
+                std_b: opf.found.of_facility.as_ref().map(|b| b.std_b.offset_ent),
+                degc: opf.values.offset_degc,
                 residual_ent: opf.values.residual_ent,
                 residual_std: opf.values.residual_std_ent,
                 seen_along: opf.found.method.normal_axis.to_vec(),
             },
             reference: None,
+            notes: qualifying(&opf.told, &opf.found.run.id),
         }
     }
 }
@@ -312,6 +336,7 @@ impl From<&Fpf> for CalibratedRun {
                 f_s_std_hz: fpf.values.mean_f_s_std_hz,
             },
             reference: None,
+            notes: qualifying(&fpf.told, &fpf.found.run.id),
         }
     }
 }

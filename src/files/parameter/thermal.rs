@@ -402,6 +402,7 @@ impl Tpf {
             sensor: head.sensor.clone(),
             mode: head.mode.clone(),
             channel: Some(head.channel.clone()).filter(|channel| channel != NO_CHANNEL),
+            lag: self.lag(),
             valid_degc: head.valid_degc,
             sigma: self.sigma(),
             xi_deg: self.xi_deg(),

@@ -38,6 +38,7 @@ fn run(id: &str) -> CalibratedRun {
             scope: Box::new(LinearScope::default()),
         },
         reference: None,
+        notes: Vec::new(),
     }
 }
 

@@ -6,9 +6,9 @@ use crate::data::calibration::OffsetTrend;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::result::Summary;
-use crate::data::units::{COMPONENTS, FieldCoil, Reading};
-use crate::fit::DenseNoise;
+use crate::data::units::{COMPONENTS, FieldCoil, Reading, counted};
 use crate::fit::statistics::robust_std;
+use crate::fit::{DenseNoise, student_95};
 use crate::measure::structure;
 use crate::model::sensor::{Linear, Split, SplitError};
 use crate::record::conditions::Temperatures;
@@ -18,6 +18,8 @@ use nalgebra::Matrix3;
 const LACK_OF_FIT: f64 = 10.0;
 /// A residual of this many robust standard deviations is an outlier.
 const OUTLIER: f64 = 8.0;
+/// Fewer degrees of freedom make intervals an eighth wider than normal ones.
+const FEW: usize = 11;
 /// A noise below this part of the largest reading is rounding.
 const ROUNDING: f64 = 1e-12;
 
@@ -110,11 +112,18 @@ pub(super) fn judge_fit(notes: &mut Vec<Note>, blocks: &[Block]) {
             );
             notes.push(Note::new(NoteKind::Fit, text).about(name));
         }
-        let usual = robust_std(residuals.iter().copied());
+        let far = |of: &dyn Fn(&Block) -> Option<f64>| {
+            let usual = robust_std(used.iter().filter_map(|b| of(b)));
+            used.iter().map(|b| of(b).is_none_or(|r| usual > 0.0 && r.abs() > OUTLIER * usual)).collect::<Vec<bool>>()
+        };
+        let residual = |b: &Block| b.residual_coil_nt.map(|r| r.0[axis]);
+        // The mean of few samples scatters by more than that of many.
+        let of_sample = |b: &Block| Some(residual(b)? * (b.plateau.count? as f64).sqrt());
         let outliers: Vec<String> = used
             .iter()
-            .filter(|b| b.residual_coil_nt.is_some_and(|r| usual > 0.0 && r.0[axis].abs() > OUTLIER * usual))
-            .map(|b| (b.plateau.index + 1).to_string())
+            .zip(far(&residual).into_iter().zip(far(&of_sample)))
+            .filter(|(b, (by_mean, by_samples))| residual(b).is_some() && *by_mean && *by_samples)
+            .map(|(b, _)| (b.plateau.index + 1).to_string())
             .collect();
         if !outliers.is_empty() {
             let (blocks, stand) = if outliers.len() == 1 { ("block", "stands") } else { ("blocks", "stand") };
@@ -135,6 +144,18 @@ pub(super) fn structure_of(
 ) -> Vec<Note> {
     let columns = means.columns();
     structure::notes(&structure::Rows::of(list, used, &temperatures.sensor, &columns, noise))
+}
+
+/// Says that few means of unknown scatter tell the uncertainties.
+pub(super) fn few_means(noise: &DenseNoise, freedom: usize) -> Option<Note> {
+    let text = format!(
+        "{} tell the uncertainties, since the file brings means without standard deviation and number of their samples: intervals of 95 % \
+         are {:.1} standard uncertainties wide to either side",
+        counted(freedom as u64, "degree") + " of freedom",
+        student_95(freedom)
+    );
+    let are_few = !noise.is_from_samples() && freedom < FEW;
+    are_few.then(|| Note::new(NoteKind::Method, text).with_remedy("give sx, sy, sz and count in @BLOCKS, or more settings"))
 }
 
 /// Says where readings without noise leave the uncertainties open.

@@ -39,6 +39,9 @@ pub(super) fn trend_order(
     if plateaus.list.is_empty() {
         return Err(LinError::NoPlateaus);
     }
+    if plateaus.lack_samples(run) {
+        return Err(LinError::NoSamples { total: plateaus.list.len() });
+    }
     if !options.allow_mismatch {
         screens::edges(plateaus)?;
     }

@@ -21,6 +21,14 @@ pub enum LinError {
     /// Nothing to fit.
     #[error("the run has no plateaus: neither @BLOCKS nor @FIELDS with @VECTORS")]
     NoPlateaus,
+    /// Settings without a sample.
+    #[error(
+        "the run has 0 usable plateaus of {total}: there are no settled samples in them, since @VECTORS is missing or has no rows"
+    )]
+    NoSamples {
+        /// Plateaus in the run.
+        total: usize,
+    },
     /// Several positions, or one without axes.
     #[error(transparent)]
     Position(#[from] PositionError),
@@ -58,6 +66,17 @@ pub enum LinError {
         of: String,
         /// The same of the run.
         run: String,
+    },
+    /// The part of the sensor that counts was, in a part of the run, where the thermistor had been before the record began or was after it.
+    #[error(
+        "{file} is of a part of the sensor that goes after the thermistor with a lag of {lag_s:.0} s, and the record of the thermistor does not \
+         tell the temperature of that part in all of the run"
+    )]
+    LagUnknown {
+        /// File of the polynomials.
+        file: String,
+        /// Delay or time constant, s.
+        lag_s: f64,
     },
     /// Too few plateaus.
     #[error(
@@ -99,6 +118,7 @@ impl LinError {
         match self {
             LinError::Kind(kind) => kind.command(),
             LinError::NoPlateaus => "check the file with `calfit check`",
+            LinError::NoSamples { .. } => "take the file again with its samples, or give the means of the settings in @BLOCKS",
             LinError::Position(error) => error.remedy(),
             LinError::Order(_) => "use the lowest order that the drift needs",
             LinError::Unsettled { .. } => "hold the fields longer, or say with --settling what can be accepted",
@@ -108,6 +128,9 @@ impl LinError {
                 "name polynomials of the sensor with --temperature TPF, or state bounds of slope_sigma and slope_xi in campaign.toml, [[uncertainty]]"
             }
             LinError::OtherSensor { .. } => "name the polynomials of this sensor and mode, of the same temperature channel",
+            LinError::LagUnknown { .. } => {
+                "record the temperature from a lag before the first setting to one after the last, or leave out those settings with --exclude"
+            }
             LinError::TooFew { unsettled: true, .. } => "hold the fields longer, or say with --settling what can be accepted",
             LinError::TooFew { .. } => "use a longer programme, or less strict limits",
             LinError::Facility(error) => error.remedy(),

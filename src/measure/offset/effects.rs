@@ -42,7 +42,7 @@ impl Taken {
             // A response without an inverse is refused afterwards.
             let inverse = levels.response.first().and_then(|a| a.try_inverse());
             let nt_per_ent = std::array::from_fn(|a| inverse.map_or(0.0, |inverse| inverse.column(a).norm()));
-            (Solved::of(&visits, &levels)?.values.offset_ent, nt_per_ent)
+            (Solved::of(&visits, &levels, None)?.values.offset_ent, nt_per_ent)
         };
         // A component without an offset has no result that anything could be taken off.
         let offset_ent = offset_ent.map(|v| if v.is_nan() { 0.0 } else { v });

@@ -20,6 +20,14 @@ pub enum OffsetError {
     /// Nothing to fit.
     #[error("the run has no plateaus: neither @BLOCKS nor @FIELDS with @VECTORS")]
     NoPlateaus,
+    /// Settings without a sample.
+    #[error(
+        "none of the {total} plateaus of the run is usable: there are no settled samples in them, since @VECTORS is missing or has no rows"
+    )]
+    NoSamples {
+        /// Plateaus in the run.
+        total: usize,
+    },
     /// A position without axes.
     #[error(transparent)]
     Position(#[from] PositionError),
@@ -67,6 +75,7 @@ impl OffsetError {
             OffsetError::Kind(kind) => kind.command(),
             OffsetError::Sensitivities(_) => OfAnotherSensor::REMEDY,
             OffsetError::NoPlateaus => "check the file with `calfit check`",
+            OffsetError::NoSamples { .. } => "take the file again with its samples, or give the means of the settings in @BLOCKS",
             OffsetError::Position(error) => error.remedy(),
             OffsetError::Implausible(error) => error.remedy(),
             OffsetError::NothingUsable { .. } => {

@@ -8,12 +8,18 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::offset::{OffsetDrift, OffsetMethod, OffsetValues, RefusedComponent};
 use crate::data::result::Covariance;
 use crate::data::units::COMPONENTS;
+use crate::fit::statistics::extremes;
 use crate::fit::{FitError, Limits, Solution, linear, order};
 use crate::record::conditions;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// A component of a null vector that is larger couples its parameter to the others.
 const COUPLED: f64 = 1e-6;
+/// Standard deviation of the slope of an offset with the sensor temperature that is allowed for, enT/K: some times the largest of the sensors of 2013
+/// (0.02 enT/K at 180 °C).
+const SLOPE_ENT_PER_K: f64 = 0.1;
+/// Visits whose temperatures differ by less are at one temperature, K.
+const AT_ONE_K: f64 = 0.1;
 /// Solutions with the covariance of the one before: the uncertainty of the response counts with the residual field.
 const ROUNDS: usize = 3;
 /// Parameters: three offsets, three residual fields, three drifts.
@@ -62,6 +68,8 @@ pub(super) struct Solved {
     drift_is_open: bool,
     /// Covariance of the zero levels with which it was solved.
     of_readings: DMatrix<f64>,
+    /// How every visit counts in the offset of each component by the reading of that component; the sum is one.
+    pub counts_by_visit: [Vec<f64>; 3],
 }
 
 /// What the visits can tell apart at all. That is a matter of the positions, not of the small angles by which they are missed.
@@ -78,10 +86,26 @@ struct Question {
     refused: Vec<usize>,
     /// Positions repeat, and yet drifts are not determined.
     drift_is_open: bool,
+    /// Temperatures of the visits over that at which the offset of each component holds, K; absent where they are at one temperature.
+    over_k: Option<[DVector<f64>; 3]>,
+}
+
+/// Temperatures of the visits over the mean of those that show a component in its normal and in its turned position, K.
+fn over_k(stays: &[Stay], degc: &[f64]) -> Option<[DVector<f64>; 3]> {
+    let [low, high] = extremes(degc.iter().copied());
+    (high - low > AT_ONE_K).then(|| {
+        [0, 1, 2].map(|component| {
+            let seen = Sight::of(stays, component);
+            let compared: Vec<usize> =
+                if seen.turned.is_empty() { (0..stays.len()).collect() } else { [vec![seen.normal], seen.turned].concat() };
+            let middle = compared.iter().map(|v| degc[*v]).sum::<f64>() / compared.len() as f64;
+            DVector::from_fn(stays.len(), |v, _| degc[v] - middle)
+        })
+    })
 }
 
 impl Question {
-    fn of(stays: &[Stay]) -> Self {
+    fn of(stays: &[Stay], degc: Option<&[f64]>) -> Self {
         let visits = stays.len();
         let repeats = visits > ids(stays).len();
         let reference_s = stays.iter().map(Stay::mean_s).sum::<f64>() / visits as f64;
@@ -103,6 +127,7 @@ impl Question {
             open_axes: (0..3).filter(|k| undetermined(&null, RESIDUAL + k)).collect(),
             refused: (0..3).filter(|i| undetermined(&null, OFFSET + i)).collect(),
             drift_is_open,
+            over_k: degc.and_then(|degc| over_k(stays, degc)),
         }
     }
 
@@ -179,6 +204,12 @@ impl<'a> Answer<'a> {
             let seen = self.full.column(RESIDUAL + axis);
             covariance += seen * seen.transpose() * (self.assumed_nt * self.assumed_nt);
         }
+        // Visits at other temperatures say less of an offset than those at its own.
+        let visits = self.levels.response.len();
+        for (component, over_k) in self.question.over_k.iter().flatten().enumerate() {
+            let mut own = covariance.view_mut((component * visits, component * visits), (visits, visits));
+            own += over_k * over_k.transpose() * SLOPE_ENT_PER_K.powi(2);
+        }
         covariance
     }
 
@@ -232,6 +263,21 @@ impl<'a> Answer<'a> {
         self.combined(|j| if (RESIDUAL..DRIFT).contains(&j) { sight[j - RESIDUAL] } else { 0.0 })
     }
 
+    /// How the readings of a component in every visit count in its offset; nan for an offset that is not determined.
+    fn counts_by_visit(&self, component: usize) -> Vec<f64> {
+        let visits = self.levels.response.len();
+        let at = self.kept.iter().position(|j| *j == OFFSET + component);
+        let weighed = self.of_readings.clone().cholesky().map(|c| c.solve(&self.design));
+        let normal = weighed.as_ref().and_then(|w| w.tr_mul(&self.design).try_inverse());
+        match (at, weighed, normal) {
+            (Some(at), Some(weighed), Some(normal)) => {
+                let own = weighed.rows(component * visits, visits) * normal.column(at);
+                own.iter().copied().collect()
+            }
+            _ => vec![f64::NAN; visits],
+        }
+    }
+
     fn drift(&self) -> Option<OffsetDrift> {
         let of = |i: usize| self.parameter(DRIFT + i);
         (self.question.parameters == 9).then(|| OffsetDrift {
@@ -271,18 +317,18 @@ fn longest_s(stays: &[Stay]) -> f64 {
 }
 
 impl Solved {
-    /// Least squares of the zero levels, with the reasons why components have no offset.
-    pub fn of(stays: &[Stay], levels: &Levels) -> Result<Self, OffsetError> {
-        Self::with(stays, levels, None)
+    /// Least squares of the zero levels of visits at some temperatures, °C, with the reasons why components have no offset.
+    pub fn of(stays: &[Stay], levels: &Levels, degc: Option<&[f64]>) -> Result<Self, OffsetError> {
+        Self::with(stays, levels, degc, None)
     }
 
     /// The same visits with other fields, weighed as they were.
     pub fn again(&self, stays: &[Stay], levels: &Levels) -> Result<Self, OffsetError> {
-        Self::with(stays, levels, Some(&self.of_readings))
+        Self::with(stays, levels, None, Some(&self.of_readings))
     }
 
-    fn with(stays: &[Stay], levels: &Levels, given: Option<&DMatrix<f64>>) -> Result<Self, OffsetError> {
-        let question = Question::of(stays);
+    fn with(stays: &[Stay], levels: &Levels, degc: Option<&[f64]>, given: Option<&DMatrix<f64>>) -> Result<Self, OffsetError> {
+        let question = Question::of(stays, degc);
         let answer = Answer::of(&question, levels, given)?;
         let mut values = OffsetValues::UNDETERMINED;
         for k in (0..3).filter(|k| !question.open_axes.contains(k)) {
@@ -320,6 +366,7 @@ impl Solved {
             chi_square: answer.chi_square,
             degrees_of_freedom: answer.degrees_of_freedom,
             widened: answer.widened,
+            counts_by_visit: [0, 1, 2].map(|i| answer.counts_by_visit(i)),
             assumed_nt: answer.assumed_nt,
             of_readings: answer.of_readings,
             open_axes: question.open_axes,

@@ -115,6 +115,7 @@ pub fn thermal(group: &RunGroup, kind: Kind, runs: &[&Lin], with_joint: bool) ->
         Kind::Offset => OfKind::Offset(residual_field(&points, &mut notes)),
         Kind::Freq => OfKind::Freq(sampling(&points, corner)),
     };
+    notes.extend(points.iter().flat_map(|p| p.notes.iter().cloned()));
     Ok(Thermal {
         valid_degc: common_range(&fits),
         runs: RunsUsed {

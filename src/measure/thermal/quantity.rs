@@ -2,7 +2,7 @@
 
 use super::result::{BySource, band};
 use super::{Corner, Kind, QuantityFit, RunGroup, SAME_DEGC, ThermalError};
-use crate::data::across::{CalibratedRun, RunValues};
+use crate::data::across::{CalibratedRun, CommonChange, RunValues};
 use crate::data::note::{Note, NoteKind};
 use crate::data::quantity::QuantityFound;
 use crate::data::units::COMPONENTS;
@@ -53,7 +53,7 @@ pub(super) fn different_temperatures(temperatures_degc: &[f64]) -> usize {
 /// Temperature at which a component of a run holds, °C; nan where that is the one of the run.
 fn own_degc(values: &RunValues, component: usize) -> f64 {
     match values {
-        RunValues::Freq { model_degc: Some(degc), .. } => degc[component],
+        RunValues::Freq { model_degc: Some(degc), .. } | RunValues::Offset { degc: Some(degc), .. } => degc[component],
         _ => f64::NAN,
     }
 }
@@ -140,8 +140,17 @@ fn in_position(mut all: Vec<Quantity>, kept: &[bool]) -> Vec<Quantity> {
     all
 }
 
-/// The changes of a component of a family in all runs by everything that they share.
+/// The changes of a component of a family in all runs by everything that they share. Files of offsets state how much that is and not in which
+/// direction: it is the same in all runs, which leaves the most to their mean.
 fn common(points: &[&CalibratedRun], family: &str, component: usize) -> Option<BySource> {
+    if family == "b_off" {
+        let change = |point: &&CalibratedRun| match &point.values {
+            RunValues::Offset { std_b, .. } => std_b.map(|std| std[component]),
+            _ => None,
+        };
+        let changes: Vec<f64> = points.iter().map(change).collect::<Option<_>>()?;
+        return Some(vec![(CommonChange::source_of(&format!("b_off_{}", COMPONENTS[component])), changes)]);
+    }
     let which = ["sigma", "xi", "b_or"].iter().position(|name| *name == family)?;
     let mut all = BySource::new();
     for (run, point) in points.iter().enumerate() {

@@ -65,10 +65,9 @@ impl FieldCalibration {
     /// matrix is not in it.
     #[must_use]
     pub fn at(&self, degc: f64) -> Option<AtTemperature> {
-        let turn = self.parts.turn.map_or_else(Matrix3::identity, |turn| turn.rotation);
         let slopes = |measured: Vector3<f64>| -> Option<[Vector3<f64>; PARAMETERS]> {
-            let (_, by) = self.field_and_slopes(measured, degc).ok()?;
-            Some(by.map(|column| turn * column))
+            let slopes = self.field_and_slopes(measured, degc).ok()?;
+            Some(slopes.by.map(|column| slopes.rotation * column))
         };
         let matrix = self.matrix(degc)?;
         let offset_ent = Vector3::from(self.offset_ent(degc));
@@ -103,30 +102,87 @@ impl FieldCalibration {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::convention::Convention;
+    use crate::data::convention::{Alignment, Convention};
     use crate::data::units::Reading;
-    use crate::model::field_calibration::{Coefficient, Coefficients, MatrixForm, Parameter};
-    use nalgebra::DMatrix;
+    use crate::model::field_calibration::{Coefficient, Coefficients, MatrixForm, Parameter, Turn};
+    use nalgebra::{DMatrix, Rotation3};
+
+    /// Coefficients of offset, sensitivities and angles, and of an inverse K if wanted, with slopes of these angles, deg/K.
+    fn coefficients(slope_xi: f64, with_k: bool) -> Vec<Coefficient> {
+        let of_axis = |i: usize| {
+            let x = i as f64;
+            let all = [
+                (Parameter::Offset(i), 20.0 - 13.0 * x, 0.3),
+                (Parameter::Sigma(i), 1.05 + 0.02 * x, 1e-5),
+                (Parameter::Xi(i), 89.9 + 0.1 * x, slope_xi),
+                (Parameter::KInverse(i, i), 1.0, 0.0),
+            ];
+            all.into_iter().take(if with_k { 4 } else { 3 })
+        };
+        let both = |(parameter, value, slope)| {
+            [Coefficient { parameter, power: 0, value }, Coefficient { parameter, power: 1, value: slope }]
+        };
+        (0..3).flat_map(of_axis).flat_map(both).collect()
+    }
+
+    /// A covariance with every element filled: A Aᵀ of a matrix without structure.
+    fn covariance(n: usize) -> DMatrix<f64> {
+        let root = DMatrix::from_fn(n, n, |i, k| 1e-4 * ((1 + 7 * i + 3 * k) as f64).sin());
+        &root * root.transpose()
+    }
+
+    #[test]
+    fn a_cube_stated_for_the_other_convention_stands_still_while_the_angles_move() {
+        let cube = Rotation3::from_scaled_axis(Vector3::new(0.1, -0.3, 0.8)).into_inner();
+        let reading = Vector3::new(3000.0, -2000.0, 500.0);
+        // The field by the definition: the same sensor described in the other convention, whose frame the cube stands in.
+        let by_definition = |own: Convention, values: &[f64], degc: f64| {
+            let at = |of: usize| std::array::from_fn(|i| values[6 * i + 2 * of] + degc * values[6 * i + 2 * of + 1]);
+            let [offset, sigma, xi_deg]: [[f64; 3]; 3] = [at(0), at(1), at(2)];
+            let other = Alignment { convention: own, sigma, xi_deg }.to_other().unwrap().alignment;
+            cube * other.transfer().unwrap() * (reading - Vector3::from(offset))
+        };
+        for own in [Convention::BepiColombo, Convention::Rosetta] {
+            let coefficients = coefficients(2e-2, false);
+            let values: Vec<f64> = coefficients.iter().map(|c| c.value).collect();
+            let covariance = covariance(values.len());
+            let turn = Turn { rotation: cube, from_other: Some(own.other()), std_rad: 0.0 };
+            let parts = Coefficients {
+                matrix: Some(MatrixForm::Alignment(own)),
+                coefficients,
+                covariance: Some(covariance.clone()),
+                turn: Some(turn),
+                ..Coefficients::default()
+            };
+            let calibration = FieldCalibration::new(parts).unwrap();
+            for degc in [-40.0, 12.0, 55.0] {
+                let found = calibration.apply(Reading(reading.into()), Some(degc));
+                let wanted = by_definition(own, &values, degc);
+                // Derivatives by differences of the definition, whose steps leave a part in a million.
+                let mut jacobian = DMatrix::zeros(3, values.len());
+                for k in 0..values.len() {
+                    let step = 1e-4 * values[k].abs().max(1e-3);
+                    let [up, down] = [step, -step].map(|by| {
+                        let mut changed = values.clone();
+                        changed[k] += by;
+                        by_definition(own, &changed, degc)
+                    });
+                    jacobian.set_column(k, &((up - down) / (2.0 * step)));
+                }
+                let wanted_covariance = &jacobian * &covariance * jacobian.transpose();
+                for i in 0..3 {
+                    assert!((found.field_nt[i] - wanted[i]).abs() < 1e-8, "{own:?} {degc} {found:?} {wanted}");
+                    let std = wanted_covariance[(i, i)].sqrt();
+                    assert!((found.std_nt[i] / std - 1.0).abs() < 1e-4, "{own:?} {degc} {found:?} {std}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn field_and_uncertainty_are_those_of_single_readings() {
-        let mut coefficients = Vec::new();
-        for i in 0..3 {
-            let x = i as f64;
-            for (parameter, value, slope) in [
-                (Parameter::Offset(i), 20.0 - 13.0 * x, 0.3),
-                (Parameter::Sigma(i), 1.05 + 0.02 * x, 1e-5),
-                (Parameter::Xi(i), 89.9 + 0.1 * x, 2e-5),
-                (Parameter::KInverse(i, i), 1.0, 0.0),
-            ] {
-                coefficients.push(Coefficient { parameter, power: 0, value });
-                coefficients.push(Coefficient { parameter, power: 1, value: slope });
-            }
-        }
-        let n = coefficients.len();
-        // A covariance with every element filled: A Aᵀ of a matrix without structure.
-        let root = DMatrix::from_fn(n, n, |i, k| 1e-4 * ((1 + 7 * i + 3 * k) as f64).sin());
-        let covariance = Some(&root * root.transpose());
+        let coefficients = coefficients(2e-5, true);
+        let covariance = Some(covariance(coefficients.len()));
         let matrix = Some(MatrixForm::Alignment(Convention::Rosetta));
         let calibration =
             FieldCalibration::new(Coefficients { matrix, coefficients, covariance, ..Coefficients::default() }).unwrap();

@@ -27,6 +27,10 @@ const FASTER: f64 = 8.0;
 const OF_COURSE: f64 = 4.0;
 /// A change by noise is smaller than this many of its standard deviations.
 const NOISES: f64 = 4.0;
+/// A change of a channel that jumps is one of its level if it has this part of its smallest jump.
+const LIKE: f64 = 0.7;
+/// What happens in a gap is the course of the body up to so many times what it does otherwise.
+const COURSE: f64 = 3.0;
 /// Another channel that moves by this part of it at the same time shows that the step is real.
 const SHARED: f64 = 0.3;
 
@@ -195,6 +199,51 @@ fn usual(changes: &[(usize, f64, f64)], range: std::ops::Range<usize>) -> Option
     let mut rates: Vec<f64> =
         changes[range.start..range.end.min(changes.len()).max(range.start)].iter().map(|(_, _, rate)| *rate).collect();
     if rates.is_empty() { None } else { Some(median(&mut rates)) }
+}
+
+/// Stretches in which the readings of one thermistor (s, °C) that jumps stand on another level than most of them: begin and end, s; without end
+/// where it stays there. `jumps` are those of [`jumps_of`].
+///
+/// Once a channel is known to jump, every change of a like size is a change of its level, also the last one before a gap. After a gap it stands
+/// on the level of before unless it changed by more than its course makes of the time.
+#[must_use]
+pub fn off_level(series: &[(f64, f64)], jumps: &[(f64, f64)]) -> Vec<(f64, Option<f64>)> {
+    let Some(least_k) = jumps.iter().map(|(_, by_k)| by_k.abs()).reduce(f64::min) else { return Vec::new() };
+    let (change_k, interval_s) = (LIKE * least_k, usual_interval_s(series));
+    let steps = || series.windows(2).map(|w| (w[1].0 - w[0].0, w[1].1 - w[0].1));
+    let follows = |dt_s: f64| dt_s <= GAP * interval_s;
+    let (time_s, moved_k) = steps()
+        .filter(|(dt_s, by_k)| follows(*dt_s) && by_k.abs() < change_k)
+        .fold((0.0, 0.0), |(time_s, moved_k), (dt_s, by_k)| (time_s + dt_s, moved_k + by_k.abs()));
+    let rate = if time_s > 0.0 { moved_k / time_s } else { 0.0 };
+    // Level and first reading of every stretch, and the readings on every level.
+    let (mut levels, mut stretches): (Vec<(f64, usize)>, Vec<(usize, usize)>) = (vec![(0.0, 1)], vec![(0, 0)]);
+    let mut level = 0;
+    for (at, (dt_s, by_k)) in steps().enumerate() {
+        let most_k = if follows(dt_s) { change_k } else { change_k.max(COURSE * rate * dt_s) };
+        if by_k.abs() >= most_k {
+            let new_k = levels[level].0 + by_k;
+            let known = levels.iter().position(|(own_k, _)| (own_k - new_k).abs() <= (1.0 - LIKE) * least_k);
+            level = known.unwrap_or(levels.len());
+            if known.is_none() {
+                levels.push((new_k, 0));
+            }
+            stretches.push((level, at + 1));
+        }
+        levels[level].1 += 1;
+    }
+    let most = levels.iter().map(|(_, count)| *count).max();
+    let usual = levels.iter().position(|(_, count)| Some(*count) == most);
+    let mut off: Vec<(f64, Option<f64>)> = Vec::new();
+    for (level, begin) in stretches {
+        let (t_s, is_off) = (series[begin].0, Some(level) != usual);
+        match off.last_mut().filter(|(_, end)| end.is_none()) {
+            Some((_, end)) if !is_off => *end = Some(t_s),
+            None if is_off => off.push((t_s, None)),
+            _ => {}
+        }
+    }
+    off
 }
 
 /// By how much a change exceeds what the channel does in the same time before and after it, K, if that is far more. The last one of a record or

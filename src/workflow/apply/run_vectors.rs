@@ -9,7 +9,7 @@ use crate::files::ccr;
 use crate::files::output::Pending;
 use crate::files::table::stream::{Batch, Format, Writer};
 use crate::fit::statistics::median;
-use crate::record::temperature_faults::faults;
+use crate::record::temperature_faults::{PLAUSIBLE_DEGC, faults};
 use std::path::Path;
 
 /// Hands the vectors of a run to a sink and returns the rest of it.
@@ -122,7 +122,16 @@ impl Thermometer {
         }
         let refused = |rule: String, remedy: &str| Err(Finding::error(&data.display().to_string(), rule, remedy));
         match (run.slow_channel(channel), &named) {
-            (Some(series), _) => {
+            (Some(mut series), _) => {
+                let count = series.len();
+                series.retain(|(_, degc)| PLAUSIBLE_DEGC.contains(degc));
+                if series.len() < count {
+                    let [low, high] = [PLAUSIBLE_DEGC.start(), PLAUSIBLE_DEGC.end()];
+                    work.counts.notes.push(format!(
+                        "{} readings of channel {channel} outside {low} to {high} °C were left out",
+                        count - series.len()
+                    ));
+                }
                 if let Some(instructions) = instructions {
                     let of_channel = faults(run, instructions).into_iter().filter(|fault| fault.channel == channel);
                     work.counts.notes.extend(of_channel.map(|fault| fault.text()));
@@ -141,6 +150,10 @@ impl Thermometer {
                         pair[0].0, pair[1].0
                     )
                 }));
+                // The thermistor that the calibration is of, as it was read: another one has another way to the sensor.
+                if let Some(lag) = applied.lag.filter(|_| applied.channel.as_deref().is_none_or(|own| own == channel)) {
+                    series = lag.in_run(&series);
+                }
                 Ok(Thermometer::Series(series, usual_step))
             }
             (None, Named::Analyst(_)) => refused(format!("has no channel `{channel}`"), "name one of its temperature channels"),

@@ -63,7 +63,8 @@ pub fn make_daily(path: &Path, options: &DailyOptions, findings: &mut Vec<Findin
     {
         return Err(Finding::error(&shown, format!("has no sensor {name}"), "name one of its [[sensor]]"));
     }
-    let calm = options.calm.as_ref().map(|table| auxiliary::calm(table, &prepared.leap)).transpose()?;
+    let calm =
+        options.calm.as_ref().map(|table| auxiliary::calm(table, prepared.mission.time_rule, &prepared.leap)).transpose()?;
     let (spans, table) = calm.map_or((None, None), |(spans, input)| (Some(spans), Some(input)));
     let spans: Option<Vec<Range<i64>>> = spans.map(|list| list.into_iter().map(|span| span.from..span.to).collect());
     let folder = Folder::open(&options.out, options.force)?;

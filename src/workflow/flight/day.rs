@@ -3,7 +3,7 @@
 use super::derived;
 use super::near::Near;
 use super::steps::{Steps, thermometer};
-use super::{Carry, Level, Prepared, day_name};
+use super::{Carry, Level, Prepared, day_name, housekeeping};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
 use crate::data::provenance::Input;
@@ -13,6 +13,7 @@ use crate::files::flight::mission::Mission;
 use crate::files::table::long::GROUP_ROWS;
 use crate::fit::spectrum::Density;
 use crate::flight::assemble::{RowCounts, assemble, blocks};
+use crate::flight::comparison::Course;
 use crate::flight::made::DayMade;
 use crate::flight::means::{Means, means};
 use crate::flight::screens;
@@ -37,6 +38,8 @@ pub struct Context<'a> {
     pub wanted: &'a BTreeSet<Level>,
     /// Spectra before and after wheels were taken off, by mode, once that is done.
     pub spectra: RefCell<Vec<(String, Density, Density)>>,
+    /// The course of the field in axes of the spacecraft, once it is made; absent if it is not wanted.
+    pub course: Option<RefCell<Course>>,
 }
 
 /// A level of a day.
@@ -54,7 +57,7 @@ impl<'a> Context<'a> {
     /// A sensor and day.
     #[must_use]
     pub fn new(prepared: &'a Prepared, carry: &'a Carry, index: usize, day: i32, wanted: &'a BTreeSet<Level>) -> Self {
-        Self { prepared, carry, index, day, wanted, spectra: RefCell::new(Vec::new()) }
+        Self { prepared, carry, index, day, wanted, spectra: RefCell::new(Vec::new()), course: None }
     }
 
     fn wants_any(&self, levels: &[Level]) -> bool {
@@ -115,6 +118,12 @@ impl<'a> Context<'a> {
         let mut made = new(counts);
         made.notes.extend(without_rows.iter().map(|file| format!("{file} has no rows")));
         made.notes.extend(screens::notes(&blocks, &day, ["bx", "by", "bz", &sensor.thermistor_column]));
+        if !mission.roles.change_within(&day) {
+            let role = mission.roles.of(&sensor.name, day.start);
+            let modes: Vec<(&str, Option<f64>)> =
+                mission.modes.iter().map(|mode| (mode.sid.as_str(), mode.rates[role].map(|rate| rate.rate_hz))).collect();
+            made.notes.extend(screens::cadences(&blocks, &day, &modes));
+        }
         if let Some(thermometer) = thermometer(prepared, self.index) {
             let packet_ns: Vec<i64> = mission.modes.iter().map(|mode| ns(mode.packet_s)).collect();
             let (name, leap) = (&sensor.thermistor_column, &prepared.leap);
@@ -122,6 +131,8 @@ impl<'a> Context<'a> {
         }
         made.notes
             .extend(beside.iter().map(|file| format!("{file} cannot be read: vectors that it may hold of this day are missing")));
+        made.notes.extend(housekeeping::against_telemetry(prepared, self.index, self.day, &blocks));
+        made.notes.extend(steps.notes.iter().cloned());
         if made.rows.contradicting > 0 {
             let count = made.rows.contradicting;
             made.notes.push(format!("{count} vectors of {} have the quality bit of the other sensor", sensor.name));
@@ -134,6 +145,9 @@ impl<'a> Context<'a> {
         let through = |stage: Stage, blocks: &mut Vec<Block>| blocks.par_iter_mut().for_each(|b| steps.apply(stage, b));
         through(Stage::A, &mut blocks);
         self.hand_on(Level::A, Level::E, &blocks, &inputs, &mut made, sink)?;
+        if let Some(course) = &self.course {
+            course.replace(in_spacecraft(Course::of(&blocks, &day), &steps));
+        }
         if last == Stage::A {
             self.count(&blocks, &mut made);
             return Ok(Some(made));
@@ -250,6 +264,14 @@ impl<'a> Context<'a> {
             }
         }
     }
+}
+
+/// A course in axes of the sensor in those of the spacecraft.
+fn in_spacecraft(course: Course, steps: &Steps) -> Course {
+    let n = course.time.len();
+    let mut block = Block { time: course.time, field: course.field_nt, flags: vec![0; n], range: vec![0; n], ..Block::default() };
+    steps.apply(Stage::B, &mut block);
+    Course { time: block.time, field_nt: block.field }
 }
 
 /// Vectors of a stretch before their steps.
@@ -379,7 +401,8 @@ fn read(prepared: &Prepared, carry: &Carry, index: usize, day: i32, reach: &Rang
     }
     drop(rows);
     let days = prepared.leap.utc(reach.start).day..prepared.leap.utc(reach.end - 1).day + 1;
-    let steps = Steps::make(prepared, carry, index, day, &days, last)?;
+    // The course of the field in axes of the spacecraft is compared between sensors, whatever the levels.
+    let steps = Steps::make(prepared, carry, index, day, &days, last.max(Stage::B))?;
     let blocks = blocks(assembled.vectors, GROUP_ROWS, mission.uncertainty);
     let counts = assembled.counts;
     Ok(Read { counts: counts.clone(), without_rows, vectors: Some(Vectors { blocks, steps, counts, inputs, beside }) })

@@ -12,7 +12,7 @@ use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
 use crate::files::flight::levels::LevelRows;
 use crate::files::flight::mission::{Common, Heater, Span};
 use crate::fit::spectrum::Density;
-use crate::flight::heater::{self, Cells, HeaterClass, HeaterInterval, HeaterMethod, HeaterOptions, Jump};
+use crate::flight::heater::{self, Cells, HeaterClass, HeaterInterval, HeaterMethod, HeaterOptions, Jump, TableTimes};
 use crate::flight::made::{DayMade, HeaterFound, JumpFound, SharedAxis, WheelsFound};
 use crate::flight::means::Means;
 use crate::flight::two_sensors::{self, Parts};
@@ -95,11 +95,24 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     made.heater = classes.iter().map(HeaterFound::of).collect();
     let day = context.span();
     for (index, interval) in intervals.iter().enumerate() {
-        // A table without a row in an interval says that its heaters stay off.
-        if !stated.from_table && jumps.iter().all(|jump| jump.interval != index) {
-            leave(&mut all, *interval, &day, &context.prepared.leap, made);
+        if jumps.iter().all(|jump| jump.interval != index) {
+            leave(&mut all, *interval, stated.from_table, &day, &context.prepared.leap, made);
         }
     }
+    made.notes.extend(heater::table_times(&cells, &options).and_then(|times| match times {
+        TableTimes::Right => None,
+        TableTimes::Later(by_s) => {
+            let side = if by_s > 0.0 { "after" } else { "before" };
+            let by_s = by_s.abs();
+            Some(format!(
+                "the field switches {by_s:.1} s {side} the times of the heater table: what is taken off is not what the heaters made"
+            ))
+        }
+        TableTimes::Unseen(most_s) => Some(format!(
+            "at the times of the heater table, and up to {most_s:.0} s before and after, the field switches by no more than noise: what is taken \
+             off is noise"
+        )),
+    }));
     let short = || cells.iter().flat_map(|cells| &cells.short);
     short().for_each(|row| all.flags[*row] |= Flags::HEATER.0);
     let count = short().filter(|row| day.contains(&all.time[**row])).count();
@@ -131,17 +144,24 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     Ok(out)
 }
 
-/// Says that an interval of heaters stays as it is, where no switching was told from the field: its vectors may be disturbed.
-fn leave(all: &mut Series, interval: HeaterInterval, day: &Range<Tt2000>, leap: &LeapSeconds, made: &mut DayMade) {
+/// Says that an interval of heaters stays as it is, where no switching was told from the field, or where the table has none: its vectors may be
+/// disturbed.
+fn leave(
+    all: &mut Series,
+    interval: HeaterInterval,
+    from_table: bool,
+    day: &Range<Tt2000>,
+    leap: &LeapSeconds,
+    made: &mut DayMade,
+) {
     let rows = interval.rows(&all.time);
     all.flags[rows.clone()].iter_mut().for_each(|flags| *flags |= Flags::HEATER.0);
     let own = all.time[rows].iter().filter(|time| day.contains(time)).count();
     if own > 0 {
         let [from, to] = [interval.from_tt2000, interval.to_tt2000].map(|time| leap.utc(time));
-        made.notes.push(format!(
-            "no switching of a heater is told from the field from {from} to {to}: its {own} vectors of the day stay as they are, with the \
-             flag HEATER"
-        ));
+        let why = if from_table { "the heater table has no row" } else { "no switching of a heater is told from the field" };
+        made.notes
+            .push(format!("{why} from {from} to {to}: its {own} vectors of the day stay as they are, with the flag HEATER"));
     }
 }
 

@@ -9,7 +9,7 @@ use crate::data::recipe::Recipe;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::diagnose::flight::{Difference, of_difference};
 use crate::files::flight::auxiliary::{Attitude, ModelField, Timeline};
-use crate::flight::attitude::AttitudeStep;
+use crate::flight::attitude::{AttitudeFaults, AttitudeStep};
 use crate::flight::two_sensors::common_times;
 use crate::flight::{Block, Step};
 use crate::model::effects::in_flight;
@@ -82,7 +82,7 @@ pub fn diagnose_flight(path: &Path, options: &DifferenceOptions, findings: &mut 
     let model = match &options.field {
         Some(table) => {
             let frame = prepared.mission.celestial.as_ref().map_or(String::new(), |c| c.frame.clone());
-            let (read, input) = Timeline::<ModelField>::open(table, frame, &prepared.leap)?;
+            let (read, input) = Timeline::<ModelField>::open(table, frame, prepared.mission.time_rule, &prepared.leap)?;
             inputs.push(input);
             Some(read)
         }
@@ -157,9 +157,10 @@ fn in_spacecraft(prepared: &Prepared, model: &Timeline<ModelField>, day: i32, ow
         return Ok(Seconds::default());
     };
     let attitude = attitude.over(&span, leap)?;
+    let wrong = AttitudeFaults::of(&attitude, celestial.max_gap_ns).wrong;
     let back = attitude.wxyz.iter().map(|[w, x, y, z]| [*w, -x, -y, -z]).collect();
     let table_back = Attitude { time: attitude.time.clone(), wxyz: back };
-    let step = AttitudeStep { table: table_back.into(), max_gap_ns: celestial.max_gap_ns, std_rad: 0.0 };
+    let step = AttitudeStep { table: table_back.into(), max_gap_ns: celestial.max_gap_ns, std_rad: 0.0, wrong };
     let mut block = Block::default();
     for time in &own.time {
         let next = table.time.partition_point(|t| t <= time);

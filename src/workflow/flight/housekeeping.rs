@@ -9,8 +9,9 @@ use crate::files::output::Folder;
 use crate::files::source::digest;
 use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
+use crate::flight::Block;
 use crate::flight::assemble::RowCounts;
-use crate::flight::housekeeping::{field_ent, negative_v, positive_v, reference_v};
+use crate::flight::housekeeping::{differing, field_ent, negative_v, positive_v, reference_v};
 use crate::flight::made::DayMade;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -122,6 +123,65 @@ impl HousekeepingFile {
         }
         Ok(Some(rows.iter().map(|row| all[*row]).collect()))
     }
+}
+
+/// Readings of the field that differ from those of the telemetry by so much, enT, and this part of these: the housekeeping has steps of half an enT,
+/// its times may be off by seconds, and a scale that is off by a tenth is wrong.
+const FIELD_ENT: f64 = 10.0;
+const FIELD_PART: f64 = 0.05;
+/// The same of the thermistor, counts: 2 K of those of Rosetta.
+const THERMISTOR_COUNTS: f64 = 70.0;
+/// A vector belongs to a reading that is no further from it, ns.
+const BESIDE_NS: i64 = 2 * SECOND_NS;
+
+/// Notes on counts of a sensor of a day that its housekeeping has otherwise. There is none where it does not have them, or cannot be read, which
+/// the day of the housekeeping says.
+pub fn against_telemetry(prepared: &Prepared, index: usize, day: i32, blocks: &[Block]) -> Vec<String> {
+    let sensor = &prepared.mission.sensors[index];
+    let name = sensor.name.to_lowercase();
+    let thermistor = plain(&sensor.thermistor_column);
+    let columns = [format!("bx_{name}"), format!("by_{name}"), format!("bz_{name}"), thermistor];
+    let files = prepared.mission.hk.as_ref().and_then(|folder| day_files(folder).ok()).unwrap_or_default();
+    let mut pairs: [Vec<[f64; 2]>; 4] = Default::default();
+    for file in files.iter().filter(|file| file.day == Some(day)) {
+        let Ok(own) = HousekeepingFile::open(prepared, file) else { continue };
+        let beside: Vec<(usize, &Block, usize)> = (0..own.time.len())
+            .filter_map(|reading| beside(blocks, own.time[reading]).map(|(block, row)| (reading, block, row)))
+            .collect();
+        let rows: Vec<usize> = beside.iter().map(|(reading, ..)| *reading).collect();
+        for (k, column) in columns.iter().enumerate() {
+            let Ok(Some(readings)) = own.readings(prepared, column, &rows) else { continue };
+            pairs[k].extend(beside.iter().zip(readings).map(|((_, block, row), reading)| match block.field.get(k) {
+                Some(counts) => {
+                    let factor = sensor.counts.ent_per_count(block.range[*row]);
+                    [field_ent(reading), counts[*row] * factor + sensor.counts.shift_ent()]
+                }
+                None => [reading, block.thermistor[*row]],
+            }));
+        }
+    }
+    let mut notes = Vec::new();
+    for (k, column) in columns.iter().enumerate() {
+        let (floor, part, unit) = if k < 3 { (FIELD_ENT, FIELD_PART, "enT") } else { (THERMISTOR_COUNTS, 0.0, "counts") };
+        if let Some((count, most)) = differing(&pairs[k], floor, part) {
+            notes.push(format!(
+                "{count} of {} readings of `{column}` in the housekeeping differ from the telemetry beside them, by up to {most:.0} {unit}: \
+                 one of the two has other axes, another scale or other times",
+                pairs[k].len()
+            ));
+        }
+    }
+    notes
+}
+
+/// The vector that is nearest to a time, if it is near.
+fn beside(blocks: &[Block], time: i64) -> Option<(&Block, usize)> {
+    let near = blocks.iter().flat_map(|block| {
+        let next = block.time.partition_point(|own| *own < time);
+        [next.checked_sub(1), Some(next)].into_iter().flatten().filter(|row| *row < block.len()).map(move |row| (block, row))
+    });
+    let nearest = near.min_by_key(|(block, row)| (block.time[*row] - time).abs())?;
+    ((nearest.0.time[nearest.1] - time).abs() <= BESIDE_NS).then_some(nearest)
 }
 
 fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[EditedFile]) -> Result<DayMade, Finding> {

@@ -19,7 +19,7 @@ pub fn check(path: &Path) -> Vec<Finding> {
             return findings;
         }
     };
-    findings.extend(prepared.notes.iter().map(|note| {
+    findings.extend(prepared.notes_of(None).into_iter().map(|note| {
         // What can be done better is more than what is to be known.
         let (weight, remedy) = match &note.remedy {
             Some(remedy) => (Severity::Warning, remedy.as_str()),

@@ -1,6 +1,7 @@
 //! Flight processing: a mission's telemetry to levels, day by day, with everything that a day needs of the others known before.
 
 mod carry;
+mod compare;
 mod daily_models;
 mod day;
 mod derived;
@@ -34,6 +35,7 @@ use crate::files::output::Folder;
 use crate::files::source::hex;
 use crate::flight::made::DayMade;
 use crate::flight::stage_of;
+use compare::Courses;
 use day::Context;
 use jiff::civil::Date;
 use near::Near;
@@ -86,8 +88,8 @@ pub struct Prepared {
     pub inputs: Vec<Input>,
     /// What was read near the midnights.
     near: Near,
-    /// What a person should know.
-    pub notes: Vec<Note>,
+    /// What a person should know of the mission as a whole.
+    notes: Vec<Note>,
     /// SHA-256 over the configuration and everything that it names but telemetry and daily models.
     pub configuration: String,
 }
@@ -171,20 +173,19 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
     let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let mut wrong: Vec<Finding> = Vec::new();
     let mut inputs = vec![digested.input(name(path))];
-    let mut notes = Vec::new();
     let mut ground = Vec::new();
     for sensor in &mission.sensors {
         let read = if sensor.ground.is_empty() { None } else { take(ground::read(sensor, findings), &mut wrong) };
         if let Some(read) = &read {
             inputs.extend(read.inputs.clone());
-            notes.extend(read.notes.clone());
         }
         ground.push(read);
     }
+    let rule = mission.time_rule;
     let mut table = |input: Input| inputs.push(input);
     for sensor in &mut mission.sensors {
         let Some((path, frame)) = &sensor.offsets else { continue };
-        let read = auxiliary::offsets(path, &sensor.name, *frame, &leap).and_then(|(further, input)| {
+        let read = auxiliary::offsets(path, &sensor.name, *frame, rule, &leap).and_then(|(further, input)| {
             let all = [sensor.jumps.clone(), further].concat();
             match overlap(all.iter().map(|jump| (jump.span, jump.range))) {
                 Some(at) => {
@@ -203,27 +204,27 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
     }
     let celestial = mission.celestial.as_ref();
     let attitude =
-        celestial.and_then(|c| take(Timeline::open(&c.attitude, c.clone(), &leap), &mut wrong)).map(|(read, input)| {
+        celestial.and_then(|c| take(Timeline::open(&c.attitude, c.clone(), rule, &leap), &mut wrong)).map(|(read, input)| {
             table(input);
             read
         });
     let path_of_positions = celestial.and_then(|c| c.position.as_ref());
-    let positions = path_of_positions.and_then(|p| take(Timeline::open(p, (), &leap), &mut wrong)).map(|(read, input)| {
+    let positions = path_of_positions.and_then(|p| take(Timeline::open(p, (), rule, &leap), &mut wrong)).map(|(read, input)| {
         table(input);
         read
     });
     let wheels =
-        mission.wheels.as_ref().and_then(|w| take(Timeline::open(&w.table, (), &leap), &mut wrong)).map(|(read, input)| {
+        mission.wheels.as_ref().and_then(|w| take(Timeline::open(&w.table, (), rule, &leap), &mut wrong)).map(|(read, input)| {
             table(input);
             read
         });
     let states = mission.heater.as_ref().and_then(|h| h.table.as_ref().map(|path| (h, path)));
     let heater =
-        states.and_then(|(h, path)| take(auxiliary::heater(path, &h.classes, &leap), &mut wrong)).map(|(read, input)| {
+        states.and_then(|(h, path)| take(auxiliary::heater(path, &h.classes, rule, &leap), &mut wrong)).map(|(read, input)| {
             table(input);
             read
         });
-    notes.extend(derived::turning_coupling(&mission.common));
+    let notes = derived::turning_coupling(&mission.common).into_iter().collect();
     let catalogue = take(Catalogue::open(&mission), &mut wrong);
     let last = wrong.pop();
     findings.append(&mut wrong);
@@ -316,6 +317,13 @@ impl Prepared {
         daily::read(&path, &sensor.name, day).map(Some)
     }
 
+    /// What a person should know of the ground calibrations, of one sensor or of all, and of the mission as a whole.
+    fn notes_of(&self, sensor: Option<&str>) -> Vec<Note> {
+        let grounds = self.mission.sensors.iter().zip(&self.ground).filter(|(own, _)| sensor.is_none_or(|name| name == own.name));
+        let of_ground = grounds.filter_map(|(_, ground)| ground.as_ref()).flat_map(|ground| &ground.notes);
+        of_ground.chain(&self.notes).cloned().collect()
+    }
+
     /// The files of a sensor whose rows may have corrected times in a stretch.
     fn files(&self, sensor: &str, span: &std::ops::Range<Tt2000>) -> Vec<&EditedFile> {
         let reaches = |file: &&EditedFile| {
@@ -365,6 +373,7 @@ pub struct Flight {
     options: FlightOptions,
     wanted: BTreeSet<Level>,
     folder: Folder,
+    courses: Courses,
 }
 
 impl Flight {
@@ -398,7 +407,7 @@ impl Flight {
         };
         let folder = Folder::open(&options.out, options.force)?;
         let wanted = options.levels.of(&prepared);
-        Ok(Self { prepared, carry, options, wanted, folder })
+        Ok(Self { prepared, carry, options, wanted, folder, courses: Courses::default() })
     }
 
     /// What is to be made, day by day, the sensors of a day after each other.
@@ -462,7 +471,8 @@ impl Flight {
     /// The levels of one sensor.
     fn levels(&self, index: usize, day: i32) -> Result<Option<DayMade>, Finding> {
         let prepared = &self.prepared;
-        let context = Context::new(prepared, &self.carry, index, day, &self.wanted);
+        let mut context = Context::new(prepared, &self.carry, index, day, &self.wanted);
+        context.course = self.compares().then(RefCell::default);
         let uvw = prepared.ground[index].as_ref().map_or("sensor axes", |g| g.frame.as_str());
         let sensor = &prepared.mission.sensors[index].name;
         let writer = self.writer(sensor, uvw, day)?;
@@ -476,6 +486,9 @@ impl Flight {
         // Levels that were made stand under their names, whatever a later one says.
         writer.finish()?;
         let made = made?;
+        if let Some(course) = context.course.take() {
+            self.courses.take(prepared, day, index, course.into_inner());
+        }
         if let Some(made) = &made {
             if self.options.plots {
                 pictures.facts(made, &context.spectra.borrow());
@@ -530,13 +543,24 @@ impl Flight {
         Ok(Some(made))
     }
 
+    /// Whether the days of two sensors are compared: these are made side by side, and their axes are known.
+    fn compares(&self) -> bool {
+        self.prepared.mission.sensors.len() == 2 && self.options.sensor.is_none() && Level::B.lacks(&self.prepared).is_none()
+    }
+
+    /// What a person should know of the sensors against each other, once all days are made.
+    #[must_use]
+    pub fn comparisons(&self) -> Vec<Note> {
+        self.courses.notes()
+    }
+
     /// What a person should know of the mission as a whole, and of what was asked for.
     #[must_use]
     pub fn notes(&self) -> Vec<Note> {
         let of_two = self.options.sensor.is_some() && self.wanted.iter().any(|level| level.is_of_two());
         let text = "levels D and J are made of two sensors, and are left out with --sensor";
         let note = of_two.then(|| Note::new(NoteKind::Method, text.to_owned()).with_remedy("make them without --sensor"));
-        self.prepared.notes.iter().cloned().chain(note).collect()
+        self.prepared.notes_of(self.options.sensor.as_deref()).into_iter().chain(note).collect()
     }
 
     /// Writes the report of all days that stand in the folder, and makes the names of what was written last through a power loss. A part
@@ -546,7 +570,7 @@ impl Flight {
     /// What the operating system says.
     pub fn finish(&self) -> Result<(), Finding> {
         if self.options.carry.is_none() {
-            picture::report(&self.prepared, &self.options.out, self.options.force)?;
+            picture::report(&self.prepared, &self.comparisons(), &self.options.out, self.options.force)?;
         }
         self.folder.sync()
     }
@@ -557,7 +581,7 @@ impl Flight {
 /// # Errors
 /// What is wrong with the configuration; what the operating system says.
 pub fn make_report(path: &Path, out: &Path, force: bool, findings: &mut Vec<Finding>) -> Result<(), Finding> {
-    picture::report(&prepare(path, findings)?, out, force)
+    picture::report(&prepare(path, findings)?, &[], out, force)
 }
 
 /// The first pass alone, written as a table; it names the days whose continuity is not known, which cannot be made with it.

@@ -1,9 +1,11 @@
 //! Figures of a day, and the report of all days.
 
 use super::day::Product;
+use super::derived::COMMON;
 use super::{Level, Prepared, day_name};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
+use crate::data::note::Note;
 use crate::data::time::Tt2000;
 use crate::files::output::Folder;
 use crate::files::table::long::{Column, LongWriter};
@@ -147,11 +149,12 @@ impl<'a> Pictures<'a> {
             folder.write(&file, &picture)?;
             figures.push(Drawn { file, title: figure.title, caption: figure.caption });
         }
+        let of = Some(made.sensor.as_str()).filter(|sensor| *sensor != COMMON);
         let record = DayRecord {
             written_by: format!("calfit {}", env!("CARGO_PKG_VERSION")),
             made: made.clone(),
             figures,
-            notes_of_mission: self.prepared.notes.iter().map(ToString::to_string).collect(),
+            notes_of_mission: self.prepared.notes_of(of).iter().map(ToString::to_string).collect(),
         };
         let name = format!("{compact}_{}.json", made.sensor);
         let mut text = serde_json::to_string_pretty(&record)
@@ -171,11 +174,11 @@ pub fn spectra(before: &Series, after: &Series, day: &Range<Tt2000>, mode: u8, r
     Some((of(pick(before))?, of(pick(after))?))
 }
 
-/// Writes the report of all days that stand in a folder of results: the page, and the table of heater jumps.
+/// Writes the report of all days that stand in a folder of results, with further notes: the page, and the table of heater jumps.
 ///
 /// # Errors
 /// A record of a day that cannot be read; what the operating system says.
-pub fn report(prepared: &Prepared, out: &Path, force: bool) -> Result<(), Finding> {
+pub fn report(prepared: &Prepared, further: &[Note], out: &Path, force: bool) -> Result<(), Finding> {
     let folder = out.join(REPORT);
     let Ok(entries) = std::fs::read_dir(folder.join(DAYS)) else { return Ok(()) };
     let mut names: Vec<String> = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
@@ -192,6 +195,7 @@ pub fn report(prepared: &Prepared, out: &Path, force: bool) -> Result<(), Findin
         notes.extend(record.notes_of_mission);
         days.push((record.made, record.figures));
     }
+    notes.extend(further.iter().map(ToString::to_string));
     let mission = &prepared.mission;
     let document = document(&mission.mission, &mission.instrument, &notes, &days);
     let page = html::page(&document, &mut |file| std::fs::read(folder.join(file)).ok());

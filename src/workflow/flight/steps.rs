@@ -7,7 +7,7 @@ use crate::data::flags::Flags;
 use crate::files::flight::daily::DailyModel;
 use crate::files::flight::edited::plain;
 use crate::files::flight::mission::{Counts, Jump, Mission, OffsetFrame, OutsideTemperature, RangeMatrix, Sensor};
-use crate::flight::attitude::AttitudeStep;
+use crate::flight::attitude::{AttitudeFaults, AttitudeStep};
 use crate::flight::counts::CountsStep;
 use crate::flight::daily::{Continuity, DailyStep};
 use crate::flight::disturbance::{DisturbanceStep, max_gap_ns};
@@ -32,6 +32,8 @@ impl Step for NoModel {
 /// The steps of a sensor and a stretch of time, stage by stage.
 pub struct Steps {
     list: Vec<(Stage, Box<dyn Step>)>,
+    /// What a person should know of their tables.
+    pub notes: Vec<String>,
 }
 
 /// A step that acts on the vectors of one day only.
@@ -66,6 +68,7 @@ impl Steps {
         let mission = &prepared.mission;
         let sensor = &mission.sensors[index];
         let mut list: Vec<(Stage, Box<dyn Step>)> = Vec::new();
+        let mut notes = Vec::new();
         let mut models: Vec<DayModel> = if mission.steps.iter().any(|s| s == "daily") {
             days.clone().map(|own| (prepared.leap.day(own), prepared.daily(sensor, own))).collect()
         } else {
@@ -124,7 +127,10 @@ impl Steps {
                     if let (Some(table), Some(celestial)) = (&prepared.attitude, &mission.celestial) {
                         let leap = &prepared.leap;
                         let table = table.over(&(leap.day(days.start).start..leap.day(days.end).start), leap)?;
-                        let step = AttitudeStep { table, max_gap_ns: celestial.max_gap_ns, std_rad: celestial.std_rad };
+                        let faults = AttitudeFaults::of(&table, celestial.max_gap_ns);
+                        notes.extend(faults.notes(&table, &leap.day(day), leap));
+                        let (max_gap_ns, std_rad) = (celestial.max_gap_ns, celestial.std_rad);
+                        let step = AttitudeStep { table, max_gap_ns, std_rad, wrong: faults.wrong };
                         list.push((stage, Box::new(step)));
                     }
                 }
@@ -132,7 +138,7 @@ impl Steps {
             }
         }
         list.sort_by_key(|(stage, _)| *stage);
-        Ok(Self { list })
+        Ok(Self { list, notes })
     }
 
     /// Takes vectors through the steps of a stage.

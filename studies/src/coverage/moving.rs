@@ -83,6 +83,7 @@ pub(super) fn in_group(linear: &[Linear], orders: &[(String, usize)], instructio
         sensor: linear[0].run.header.sensor.clone(),
         mode: linear[0].run.header.mode.clone(),
         channel: None,
+        lag: None,
         valid_degc: result.valid_degc,
         sigma: three(["sigma_x", "sigma_y", "sigma_z"]),
         xi_deg: three(["xi_xy", "xi_xz", "xi_yz"]),

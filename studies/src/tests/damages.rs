@@ -1,6 +1,7 @@
 //! Short forms of the study of damages.
 
 use crate::damages::{ALL, Damage, Kind, Outcome, silent, table};
+use crate::flight_damages as flight;
 
 /// Damages that every kind of run is tried with.
 const FEW: [&str; 7] = [
@@ -34,4 +35,21 @@ fn other_runs_are_not_wrong_without_a_word() {
     let sparse: Vec<Damage> = ALL.into_iter().filter(|d| d.name == "two temperatures, 17 and 85").collect();
     assert!(silent(&table(&[Kind::Sweep], &sparse).unwrap()).is_empty(), "a sweep with two temperatures");
     none_is_silent(&[Kind::Sines, Kind::Sweep, Kind::Amplitudes, Kind::ZeroField, Kind::Scalar], &few);
+}
+
+#[test]
+fn flight_inputs_are_never_wrong_without_a_word() {
+    let wanted =
+        ["no file", "first column reversed", "time_tt2000 + 10 s, others right", "every second row lost", "roles exchanged"];
+    let few: Vec<&flight::Damage> = flight::ALL.iter().filter(|d| wanted.contains(&d.name)).collect();
+    let cells = flight::table(&[flight::Kind::Science], &few, "A").unwrap();
+    let of = |name: &str| &cells.iter().find(|c| c.damage == name).unwrap().outcome;
+    let told = |outcome: &Outcome| matches!(outcome, Outcome::Warned(of) if of.contains("note"));
+    assert_eq!((of("time_tt2000 + 10 s, others right"), of("roles exchanged")), (&Outcome::Refused, &Outcome::NotThere));
+    assert!(
+        told(of("first column reversed")) && told(of("every second row lost")),
+        "{:?}",
+        cells.iter().map(|c| &c.outcome).collect::<Vec<_>>()
+    );
+    assert!(flight::silent(&cells).is_empty());
 }

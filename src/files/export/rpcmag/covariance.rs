@@ -206,7 +206,9 @@ impl RpcMag {
             channel: None,
             known_effects: self.known_effects.clone(),
             models: Vec::new(),
+            notes: Vec::new(),
             reference: self.reference.clone(),
+            lag: None,
             frame: Convention::Rosetta.sensor_frame().to_owned(),
             coefficients: Coefficients {
                 matrix: Some(MatrixForm::Alignment(Convention::Rosetta)),

@@ -3,7 +3,8 @@
 use super::{FORMAT, LABELS, REMEDY, RpcMag, STATEMENTS, VERSION, how_it_is_applied};
 use crate::data::apply::Apply;
 use crate::data::convention::Convention;
-use crate::data::error::Finding;
+use crate::data::error::{Finding, Severity};
+use crate::data::note::{Note, Told};
 use crate::data::reference::{Reference, is_rotation};
 use crate::data::result::Covariance;
 use crate::files::parameter::{self, is_sound_table};
@@ -13,11 +14,28 @@ use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Reads a ground calibration file; notes go to `findings`. The hash is compared where the file has one.
+/// Reads a ground calibration file; notes go to `findings`, and what the file says against its own values. The hash is compared where the file
+/// has one.
 ///
 /// # Errors
 /// What is wrong with it, with its place: a missing label, too few values, another convention, a hash that does not match.
 pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(RpcMag, Digested), Finding> {
+    let (file, digested) = read_alone(path, findings)?;
+    let name = path.display().to_string();
+    let told = file.told.with_values_of(&name).into_iter();
+    findings.extend(told.map(|note| {
+        let rule = Note { of: None, ..note }.to_string();
+        Finding::error(&name, rule, "make the file again from sound runs, or judge what it means for its use")
+            .weighing(Severity::Warning)
+    }));
+    Ok((file, digested))
+}
+
+/// The same without what the file says against its own values, which stands in it.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_alone(path: &Path, findings: &mut Vec<Finding>) -> Result<(RpcMag, Digested), Finding> {
     let (bytes, digested) = read_whole(path)?;
     Ok((parse(&path.display().to_string(), &decode(&bytes), findings)?, digested))
 }
@@ -75,6 +93,8 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
         "valid_degc",
         "valid_field_nt",
         "known_effects",
+        "warnings",
+        "warning_kinds",
         "apply",
         "covariance",
         "reference",
@@ -117,6 +137,7 @@ pub fn parse(file: &str, text: &str, findings: &mut Vec<Finding>) -> Result<RpcM
         covariance: lists.covariance,
         valid_field_nt: lists.valid_field_nt,
         known_effects: lists.known_effects,
+        told: lists.told,
     };
     calibration.is_consistent(&root)?;
     Ok(calibration)
@@ -183,7 +204,11 @@ fn reference(group: &Group) -> Result<Reference, Finding> {
         Some(name) => Convention::from_name(&name).ok_or_else(|| group.refuse("stated_for", "is no convention", REMEDY))?,
         None => Convention::Rosetta,
     };
-    Ok(Reference { rotation, std_deg, from, stated_for })
+    let stated_rotation = group.three_rows("stated_rotation")?;
+    if stated_rotation.as_ref().is_some_and(|rows| !is_rotation(rows)) {
+        return Err(group.refuse("stated_rotation", "is no rotation", REMEDY));
+    }
+    Ok(Reference { rotation, std_deg, from, stated_for, stated_rotation })
 }
 
 /// What is a table or a list of lists.
@@ -194,6 +219,8 @@ struct Lists {
     valid_field_nt: Option<[[f64; 2]; 3]>,
     #[serde(default)]
     known_effects: Vec<String>,
+    #[serde(flatten)]
+    told: Told,
 }
 
 fn missing(file: &str, key: &str) -> Finding {

@@ -25,7 +25,8 @@
 //!   only, as where a field is set anew for every row. It is white from row to row: where the prior of it was a tenth, some of it was
 //!   taken for slow noise, and intervals of gains held too seldom;
 //! * how white noise differs between the rows: by the scatter of the samples of each, where that clearly changes with the reading or in
-//!   time, or as scatter between the rows that grows with the reading, where the residuals suggest it;
+//!   time, or as scatter between the rows that grows with the reading: ten of ninety rows are large enough to tell a gain, and ten rows
+//!   hardly tell whether their scatter grows, so that both are averaged over and not one of them chosen;
 //! * with a small probability a steep noise between rows with nothing to do with the contrasts. It wins where the residuals show
 //!   clearly more than what is inside the rows foretells, as with drifts.
 //!
@@ -391,7 +392,10 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
     for a in 0..fitted.residuals.ncols() {
         let by_samples =
             scatter.and_then(|s| spread::by_samples(&fitted, solution, &intervals, s.map(|m| m.column(a).into_owned()), counts));
-        let own_spread = by_samples.or_else(|| spread::by_counts(&fitted, solution, a, counts));
+        let own_spread = by_samples.or_else(|| {
+            let variances = scatter.map(|s| s[0].column(a).into_owned());
+            spread::by_rows(&fitted, solution, a, counts, variances.as_ref())
+        });
         let own = own_spread.is_some();
         let base = own_spread.unwrap_or_else(|| fitted.by_weights.clone());
         let mut spread = vec![base.clone()];
@@ -412,7 +416,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
             log_scale = projected.log_scale;
         }
         let readings = scatter.map(|s| s[1].column(a).into_owned());
-        if let Some(squares) = readings.as_ref().and_then(|r| spread::grows(&fitted, solution, a, &base, r)) {
+        if let Some(squares) = readings.as_ref().and_then(|r| spread::may_grow(&fitted, solution, a, &base, r)) {
             for (growth, size) in GROWTHS.iter().enumerate() {
                 let with = squares.zip_map(&base, |u, s| s * (1.0 + size * u));
                 let projected = Projected::of(&fitted, &with, &kernels[0]);

@@ -12,9 +12,10 @@ const CLEAR: f64 = 20.0;
 const LEAST_RATIO: f64 = 1.2;
 /// Smallest variance as a part of the mean one.
 const LEAST: f64 = 0.05;
-/// Standard deviations from which the residuals suggest scatter that grows with the reading.
+/// Rows that tell themselves whether their scatter grows with the reading: a quarter of them are large.
+const MANY_ROWS: usize = 200;
+/// Standard deviations from which the residuals suggest scatter that grows with the reading, or slow noise of the gain.
 const SUGGESTED: f64 = 2.0;
-
 /// Rows one after the other of which slow noise of the gain is asked.
 const NEIGHBOURS: usize = 3;
 
@@ -64,15 +65,26 @@ pub(super) fn by_samples(
     })
 }
 
-/// White variance of the rows that falls with the number of their samples, where the rows differ in it and the residuals of a right-hand side are
-/// likelier so than with one for all, as where every setting of a source is a little wrong: that of a row of mean weight is one.
-pub(super) fn by_counts(fitted: &Fitted, solution: &Solution, a: usize, counts: &[f64]) -> Option<DVector<f64>> {
-    let rows = DVector::from_iterator(solution.kept.len(), solution.kept.iter().map(|i| 1.0 / counts[*i]));
-    if rows.max() <= LEAST_RATIO * rows.min() {
-        return None;
-    }
-    let unit = rows.zip_map(&fitted.by_weights, |r, w| r / w).mean();
-    let rows = rows / unit;
+/// White variance of the rows by what is known of each, where the rows differ in it and the residuals of a right-hand side are likelier so than with
+/// one for all, as where every setting of a source is a little wrong: falling with the number of their samples, or that of a mean of samples that scatter
+/// as those of the row do. That of a row of mean weight is one.
+pub(super) fn by_rows(
+    fitted: &Fitted,
+    solution: &Solution,
+    a: usize,
+    counts: &[f64],
+    variances: Option<&DVector<f64>>,
+) -> Option<DVector<f64>> {
+    let of_rows = |value: &dyn Fn(usize) -> f64| {
+        let rows = DVector::from_iterator(solution.kept.len(), solution.kept.iter().map(|i| value(*i)));
+        // NaN and zero are no variances.
+        let (least, most) = (rows.min(), rows.max());
+        let differ = least > 0.0 && rows.iter().all(|v| v.is_finite()) && most > LEAST_RATIO * least;
+        differ.then(|| {
+            let unit = rows.zip_map(&fitted.by_weights, |r, w| r / w).mean();
+            rows / unit
+        })
+    };
     // Logarithm of the likelihood without a scale, which is free.
     let likelihood = |spread: &DVector<f64>| {
         let free = |i: usize| spread[i] * (1.0 - fitted.leverage[i]).max(LEAST);
@@ -80,11 +92,17 @@ pub(super) fn by_counts(fitted: &Fitted, solution: &Solution, a: usize, counts: 
         let squares: f64 = (0..spread.len()).map(|i| fitted.residuals[(i, a)].powi(2) / free(i)).sum();
         -0.5 * ((0..spread.len()).map(|i| free(i).ln()).sum::<f64>() + n * (squares / n).ln())
     };
-    (likelihood(&rows) > likelihood(&fitted.by_weights)).then_some(rows)
+    let by_counts = of_rows(&|i| 1.0 / counts[i]);
+    let by_scatter = variances.and_then(|v| of_rows(&|i| v[i] / counts[i]));
+    let alike = likelihood(&fitted.by_weights);
+    let found = by_counts.into_iter().chain(by_scatter).map(|spread| (likelihood(&spread), spread));
+    let best = found.filter(|(value, _)| *value > alike).max_by(|a, b| a.0.total_cmp(&b.0))?;
+    Some(best.1)
 }
 
-/// Squares of readings with which the residuals suggest that the scatter between the rows grows.
-pub(super) fn grows(
+/// Squares of readings with which the scatter between the rows may grow: always of few rows, which cannot tell, and of many where the residuals suggest
+/// it.
+pub(super) fn may_grow(
     fitted: &Fitted,
     solution: &Solution,
     a: usize,
@@ -101,7 +119,7 @@ pub(super) fn grows(
     let mean = scatter.mean();
     let centred = squares.add_scalar(-squares.mean());
     let score = centred.dot(&scatter) / mean / (2.0 * centred.norm_squared()).sqrt();
-    (score > SUGGESTED).then_some(squares)
+    (n < MANY_ROWS || score > SUGGESTED).then_some(squares)
 }
 
 /// Readings over the largest, in proportion to which slow noise acts, where the residuals suggest slow noise of the gain: neighbouring rows
