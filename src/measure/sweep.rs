@@ -26,7 +26,7 @@ pub use result::{SettingCounts, Sweep, SweepBlock, Turning, WindowFit};
 
 use super::structure;
 use super::thermal::{QuantityFit, band};
-use crate::data::across::{FollowedThermistor, LinearScope};
+use crate::data::across::{FollowedThermistor, LagDecision, LinearScope};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::quantity::QuantityFound;
@@ -111,7 +111,8 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let Followed { mut lags, chosen } = Followed::of(&channels, &own, &means, asked.usual().higher().linear(), &mut notes);
     let (channel, series) = &channels[chosen];
     let linear = asked.usual().higher().linear();
-    let step = Step::of(series, &means, linear, lags[chosen].gain);
+    let seen = Step::of(series, &means, linear, lags[chosen].gain);
+    let (step, rival) = (seen.filter(|step| step.is_claimed), seen.filter(|step| !step.is_claimed));
     let mended = step.map(|step| step.taken_off(series));
     if let (Some(step), Some(mended)) = (step, &mended) {
         notes.push(step.note(channel));
@@ -142,6 +143,9 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let problem = Problem { run: &run.header.run, r_nom, used: &used, means: &means, step };
     let settled = lag::settle(&problem, &asked, &course, &lags[chosen], options.lag, known_lag, &mut notes)?;
     lags[chosen].form = settled.form();
+    if settled.applied.decision == LagDecision::Found {
+        notes.extend(rival.map(|rival| rival.rival(channel)));
+    }
     let (fit, degc) = (&settled.fit, &settled.degc);
     let windows = windows::windows(&used, [series, &settled.moved], &r_nom, options.window);
     let blocks = problem.blocks(fit, degc);

@@ -62,11 +62,11 @@ pub(super) fn moving_offset(offset: &OffsetTrend, std_ent: [f64; 3]) -> Option<N
     };
     let told: Vec<String> = (0..3)
         .filter(|a| off_ent(*a) > MOVES * std_ent[*a])
-        .map(|a| format!("that of {} by up to {:.3} enT (stated ± {:.3} enT)", COMPONENTS[a], off_ent(a), std_ent[a]))
+        .map(|a| format!("{:.3} enT in {} (stated ± {:.3} enT)", off_ent(a), COMPONENTS[a], std_ent[a]))
         .collect();
     (!told.is_empty()).then(|| {
         let text = format!(
-            "the offset moves within the run, and b_or_ent is its mean: by the trend of order {} it differs from the mean {}; the stated uncertainty is that of \
+            "the offset moves within the run, and b_or_ent is its mean: its trend of order {} leads away from that by up to {}; the stated uncertainty is that of \
              the mean and does not hold for the begin and the end of the run",
             offset.trend_order,
             told.join(", ")

@@ -1,8 +1,9 @@
 //! A jump of the thermistor that its own readings do not tell, because the temperature turns there or moves fast: the readings of the sensor do.
 //!
 //! A lag splits the heating from the cooling branch, and so does a thermistor that reads something else from one moment on. Where ramps are of equal
-//! speed the two differ only around the turn, so that a jump there passes for a lag. Both are tried; a jump is claimed where it explains clearly
-//! more than the best lag, and only where the readings of the thermistor leave room for it.
+//! speed the two differ only around the turn, so that a jump there passes for a lag. Both are tried. A jump needs room in the readings of the
+//! thermistor; it is claimed where it explains clearly more than the best lag, and where it explains as much and these readings change by more than
+//! a turn lets them. Where it explains as much and they need not hold one, nobody can tell, and that is said.
 
 use super::means::{LinearOrders, Means};
 use super::thermistors::{SIGNIFICANT, Series};
@@ -30,10 +31,12 @@ pub(super) struct Step {
     pub std_k: f64,
     /// By how much it lowers minus twice the log likelihood.
     gain: f64,
+    /// Whether it is claimed; otherwise it explains as much as a lag does.
+    pub is_claimed: bool,
 }
 
 impl Step {
-    /// A jump of the thermistor that explains clearly more than a lag, which lowers minus twice the log likelihood by `lag_gain`.
+    /// A jump of the thermistor that explains at least as much as a lag, which lowers minus twice the log likelihood by `lag_gain`.
     pub fn of(series: &[(f64, f64)], means: &Means, orders: LinearOrders, lag_gain: f64) -> Option<Self> {
         let places = means.t_s.len();
         // It may be anywhere, which is worth twice the logarithm of the number of places.
@@ -54,7 +57,7 @@ impl Step {
             if (t_s - scan.t_s).abs() > near_s || !may_jump(series, *t_s, [scan.size_k, scan.std_k]) {
                 return None;
             }
-            let mut step = Self { t_s: *t_s, size_k: scan.size_k, std_k: f64::INFINITY, gain: 0.0 };
+            let mut step = Self { t_s: *t_s, size_k: scan.size_k, std_k: f64::INFINITY, gain: 0.0, is_claimed: false };
             for _ in 0..ROUNDS {
                 let (by_k, std_k) = Linear::of(means, &smooth(&step.taken_off(series)), orders)?.jump(*t_s)?;
                 (step.size_k, step.std_k) = (step.size_k + by_k, std_k);
@@ -66,7 +69,10 @@ impl Step {
             may_jump(series, *t_s, [step.size_k, step.std_k]).then_some(step)
         };
         let best = series.iter().filter_map(at).max_by(|a, b| a.gain.total_cmp(&b.gain))?;
-        (best.gain > lag_gain.max(0.0) + least).then_some(best)
+        let is_needed = !may_jump(series, best.t_s, [0.0, 0.0]);
+        let ahead = best.gain - lag_gain.max(0.0);
+        let is_claimed = ahead > least || (is_needed && ahead > -least);
+        (best.gain > least && ahead > -least).then_some(Self { is_claimed, ..best })
     }
 
     /// The readings as if right before the jump.
@@ -83,13 +89,27 @@ impl Step {
     /// What is said of it.
     pub fn note(&self, channel: &str) -> Note {
         let text = format!(
-            "temperature channel {channel} jumps by {:+.2} ± {:.2} K at {:.0} s: its own readings hardly show it, those of the sensor do, and no lag \
-             explains them as well; the sensor temperature of the result rests on it, without the jump and as if right before it",
+            "temperature channel {channel} jumps by {:+.3} ± {:.3} K at {:.0} s: the readings of the sensor show it, and no lag explains them better; the \
+             sensor temperature of the result rests on it, without the jump and as if right before it",
             self.size_k, self.std_k, self.t_s
         );
         Note::new(NoteKind::Temperature, text)
             .about(channel)
             .with_remedy("do not use the temperature, and measure with a thermistor that holds")
+    }
+
+    /// What is said of one that is not claimed beside a lag that is.
+    pub fn rival(&self, channel: &str) -> Note {
+        let text = format!(
+            "a jump of {:+.3} K of temperature channel {channel} at {:.0} s, for which its readings have room, explains the readings of the sensor as well as \
+             the lag: which of the two it was this run does not tell, and if it was a jump the temperatures of the result are wrong by up to {:.3} K",
+            self.size_k,
+            self.t_s,
+            self.size_k.abs()
+        );
+        Note::new(NoteKind::Temperature, text)
+            .about(channel)
+            .with_remedy("let the temperature go more slowly, or rest, where it turns; give the lag with --lag if it is known")
     }
 }
 

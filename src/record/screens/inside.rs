@@ -49,8 +49,7 @@ impl Jump {
     pub fn note(&self, what: &str, t_s: f64) -> Note {
         let (percent, std) = (100.0 * self.relative, 100.0 * self.std);
         // As many digits as its uncertainty has two of, at least three.
-        let digits = (1.0 - std.log10().floor()).clamp(3.0, 9.0);
-        let digits = if digits.is_finite() { digits as usize } else { 3 };
+        let digits = if std > 0.0 { (1.0 - std.log10().floor()).clamp(3.0, 9.0) as usize } else { 3 };
         let text = format!(
             "the gain of {what} jumps by {percent:+.digits$} ± {std:.digits$} % at {t_s:.1} s: the run is not of one sensor state, and its values and uncertainties are not \
              to be used"
