@@ -96,8 +96,7 @@ pub fn gain_jump(rows: &Rows) -> Option<Jump> {
     free -= &basis * basis.tr_mul(&free);
     let all = free.norm_squared();
     let found = step::best(&basis, free.as_slice(), course)?;
-    let even = (all - found.explained).max(f64::MIN_POSITIVE) / freedom as f64;
-    let unit = even.max(where_it_counts(&basis, &free, course, found.row)) * excess.max(1.0).powi(2);
+    let unit = (all - found.explained).max(f64::MIN_POSITIVE) / freedom as f64 * excess.max(1.0).powi(2);
     let part = if freedom < SHORT { LEAST_PART[0] } else { LEAST_PART[1] };
     if found.explained < LEAST_RATIO * unit || found.explained < part * all {
         return None;
@@ -121,60 +120,9 @@ pub fn gain_jump(rows: &Rows) -> Option<Jump> {
     })
 }
 
-/// Variance of what a jump leaves where the course is large, which is where the jump shows: a source whose settings are wrong by a part of
-/// themselves scatters there, and nowhere else.
-fn where_it_counts(basis: &DMatrix<f64>, free: &DVector<f64>, course: &[f64], row: usize) -> f64 {
-    let mut later = DVector::from_fn(course.len(), |i, _| if i < row { 0.0 } else { course[i] });
-    later -= basis * basis.tr_mul(&later);
-    later /= later.norm();
-    let left = free - &later * later.dot(free);
-    let taken = |i: usize| basis.row(i).norm_squared() + later[i].powi(2);
-    let (mut squares, mut weights) = (0.0, 0.0);
-    for (i, c) in course.iter().enumerate() {
-        squares += (c * left[i]).powi(2);
-        weights += c * c * (1.0 - taken(i)).max(0.0);
-    }
-    if weights > 0.0 { squares / weights } else { 0.0 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::random::Random;
-
-    /// Jumps found in 200 runs of 37 rows, ten of which have a course of both signs; scatter in all rows and in proportion to the course, and a jump
-    /// in the middle of these ten.
-    fn found(even: f64, of_course: f64, jump: f64) -> usize {
-        let course: Vec<f64> =
-            (0..37).map(|i| if i < 10 { [0.2, 1.0, 0.4, 0.8, 0.6][i / 2] * [1.0, -1.0][i % 2] } else { 0.0 }).collect();
-        let columns = DMatrix::from_fn(37, 4, |i, j| if j == 0 { course[i] } else { (i as f64 / 18.0 - 1.0).powi(j as i32 - 1) });
-        let basis = columns.clone().qr().q();
-        let t_s: Vec<f64> = (0..37).map(f64::from).collect();
-        let mut random = Random::seeded(3);
-        let run = |_: &usize| {
-            let mut residuals = DVector::from_fn(37, |i, _| {
-                let later = if i < 5 { 0.0 } else { jump };
-                even * random.gaussian() + course[i] * (later + of_course * random.gaussian())
-            });
-            residuals -= &basis * basis.tr_mul(&residuals);
-            let rows = Rows {
-                columns: &columns,
-                residuals: residuals.as_slice(),
-                course: &course,
-                t_s: &t_s,
-                excess: 1.0,
-                has_signs: true,
-            };
-            gain_jump(&rows).is_some()
-        };
-        (0..200).filter(run).count()
-    }
-
-    #[test]
-    fn a_source_that_scatters_in_proportion_to_its_settings_does_not_jump() {
-        assert!(found(0.0028, 0.04, 0.0) <= 2, "{}", found(0.0028, 0.04, 0.0));
-        assert!(found(0.0028, 0.0, 0.1) > 190, "{}", found(0.0028, 0.0, 0.1));
-    }
 
     #[test]
     fn a_jump_is_written_with_the_digits_that_tell_it() {
