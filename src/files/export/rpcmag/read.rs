@@ -25,7 +25,8 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<(RpcMag, Digeste
     let told = file.told.with_values_of(&name).into_iter();
     findings.extend(told.map(|note| {
         let rule = Note { of: None, ..note }.to_string();
-        Finding::error(&name, rule, "make the file again from sound runs, or judge what it means for its use").weighing(Severity::Warning)
+        Finding::error(&name, rule, "make the file again from sound runs, or judge what it means for its use")
+            .weighing(Severity::Warning)
     }));
     Ok((file, digested))
 }
