@@ -86,11 +86,17 @@ struct Made {
 }
 
 fn made(seed: u64) -> Made {
+    made_saying(seed, "")
+}
+
+/// The same with more keys in the parameter file of the first linear calibration.
+fn made_saying(seed: u64, said: &str) -> Made {
     let gauss = &mut Gauss(seed);
     let case = Case::new();
     for (i, t) in CYCLE_DEGC.into_iter().enumerate() {
         let run = format!("01-06-0{}_09-00-00", i + 1);
-        case.put(&format!("{run}.CPF"), cpf(&run, t, gauss));
+        let said = if i == 0 { said } else { "" };
+        case.put(&format!("{run}.CPF"), cpf(&run, t, gauss).replace("version = 1\n", &format!("version = 1\n{said}")));
         case.put(&format!("{run}.OPF"), opf(&run, t, gauss));
     }
     let put = |name: &str, content: String| {
@@ -861,7 +867,7 @@ fn known_effects_are_taken_off_readings_or_the_file_is_refused() {
         parameter: vec![number],
         shape: Vec::new(),
     };
-    let body = Model { used: Vec::new(), convention: "as printed".to_owned(), effect: vec![effect] };
+    let body = Model { used: Vec::new(), convention: "as printed".to_owned(), sensor: None, mode: None, effect: vec![effect] };
     let origin = Provenance::new(Recipe::plain("diagnose"), Vec::new());
     fs::write(&model, parameter::to_text(&body, &origin).unwrap()).unwrap();
     case.done(&["--model", model.to_str().unwrap()]);
@@ -1011,4 +1017,45 @@ fn a_table_with_semicolons_is_told_what_apply_reads() {
     let output = apply(&[&made.tcf], &data("runs/laboratory/plateaus.csv"), &out, &["--temperature", "20"]);
     assert_eq!(output.status.code(), Some(2));
     says(&text(&output.stderr), &["plateaus.csv:1", "semicolons", "commas between cells", "calfit import"]);
+    let twice = made.case.path().join("twice.csv");
+    fs::write(&twice, "t,x,y,z,x\n0,1,2,3,4\n").unwrap();
+    let output = apply(&[&made.tcf], &twice, &out, &["--temperature", "20"]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["twice.csv:1", "two columns `x`", "rename one"]);
+}
+
+#[test]
+fn what_a_run_says_against_its_values_goes_with_them() {
+    let said = "warnings = [\"the gain of x jumps\", \"FIT: the residuals bend\", \"a row is repeated\"]\n\
+                warning_kinds = [\"gain_jump\", \"fit\", \"data\"]\n";
+    let made = made_saying(11, said);
+    let jump = "run 01-06-01_09-00-00: the gain of x jumps";
+    let bend = "run 01-06-01_09-00-00: the residuals bend";
+    for path in [&made.tpf, &made.tcf, &made.ground] {
+        let file = fs::read_to_string(path).unwrap();
+        says(&file, &[jump, bend, "\"gain_jump\"", "\"fit\""]);
+        assert!(!file.contains("a row is repeated"), "{file}");
+    }
+    assert!(!fs::read_to_string(&made.tof).unwrap().contains("the gain of x"), "its runs say nothing");
+    let readings: Vec<Row> = vec![(readings([1000.0, 2000.0, 3000.0], 20.0, b_off_ent(20.0)), 20.0)];
+    let data = made.case.path().join("raw.csv");
+    fs::write(&data, csv(&readings)).unwrap();
+    for (place, files) in [("polynomials", vec![made.tpf.as_path(), &made.tof]), ("ground", vec![&made.ground])] {
+        let out = made.case.path().join(place);
+        let warned = done(&apply(&files, &data, &out, &[]));
+        let statement = fs::read_to_string(out.join("raw.calibrated.json")).unwrap();
+        for words in [jump, bend] {
+            assert_eq!(warned.matches(words).count(), 1, "{warned}");
+            says(&statement, &[words]);
+        }
+    }
+    for format in ["csv", "dcc"] {
+        let out = made.case.path().join(format);
+        let export = calfit().args(["export", "--format", format, "-o"]).arg(&out).arg(&made.tpf).output().unwrap();
+        says(&done(&export), &[jump, bend]);
+        let end = if format == "csv" { "csv" } else { "xml" };
+        let name = format!("{}.{end}", made.tpf.file_name().unwrap().to_string_lossy());
+        let exported = fs::read_to_string(out.join(name)).unwrap();
+        says(&exported, &["the gain of x jumps", "FIT: run 01-06-01_09-00-00: the residuals bend"]);
+    }
 }

@@ -2,7 +2,11 @@
 
 use crate::common;
 
+use calfit::data::note::Told;
+use calfit::data::provenance::Provenance;
+use calfit::data::recipe::Recipe;
 use calfit::data::run::{Header, InputFile, Kind, ReadingUnit, Run, ScalarRow, SlowTable, VectorAccount};
+use calfit::files::parameter::{self, CoilConvention, CoilScalar};
 use calfit::fit::student_95;
 use calfit::measure::coil::scalar::{Options, Scalar, scalar};
 use calfit::model::campaign::Instructions;
@@ -195,6 +199,32 @@ fn temperature_coefficients_come_back_from_four_calibrations() {
     within(p.found.facility.rack_scale_per_k, p.found.std.rack_scale_per_k, [RACK_SCALE_PER_K; 3], 4e-7);
     within(p.found.facility.rack_offset_nt_per_k, p.found.std.rack_offset_nt_per_k, [0.0; 3], 0.02);
     assert!(p.found.calibration.len() == 4 && p.notes.is_empty(), "{:?}", p.notes);
+    let table = exported(&p).unwrap();
+    let facility = &p.found.facility;
+    for (name, values, std, unit) in [
+        ("scale_per_k", facility.scale_per_k, p.found.std.scale_per_k, "1/K"),
+        ("offset_per_k", facility.offset_nt_per_k, p.found.std.offset_nt_per_k, "nT/K"),
+        ("rack_scale_per_k", facility.rack_scale_per_k, p.found.std.rack_scale_per_k, "1/K"),
+    ] {
+        for (k, axis) in ["x", "y", "z"].into_iter().enumerate() {
+            let row = format!("\n{name},{axis},{:?},{:?},{unit},", values.unwrap()[k], std.unwrap()[k]);
+            assert!(table.contains(&row), "{row} is not in {table}");
+        }
+    }
+    says(&table, &["\nreference_temperature,,16.6,", "\nrack_reference_temperature,,31.8,"]);
+}
+
+/// The table of the quantities of a scalar calibration, or why there is none.
+fn exported(found: &Scalar) -> Result<String, String> {
+    let case = Case::new();
+    let body = CoilScalar { convention: CoilConvention::scalar(), found: found.found.clone(), told: Told::of(&found.notes) };
+    let text = parameter::to_text(&body, &Provenance::new(Recipe::plain("coil scalar"), Vec::new())).unwrap();
+    let path = case.put("COIL_SCALAR__1.toml", text);
+    let output = calfit().args(["export", "--format", "csv", "-o"]).arg(case.out()).arg(path).output().unwrap();
+    match output.status.code() {
+        Some(0) => Ok(std::fs::read_to_string(case.out().join("COIL_SCALAR__1.toml.csv")).unwrap()),
+        _ => Err(text_of(&output)),
+    }
 }
 
 /// A calibration whose coils warm up by so many kelvins, and whose settings along X come first.
@@ -260,6 +290,7 @@ fn a_step_between_two_calibrations_makes_two_periods() {
     assert_eq!(before.span.to.as_ref().unwrap().as_str(), "1998-03-24T11:02:45Z");
     assert_eq!((&after.span.from, &after.span.to), (&before.span.to, &None));
     assert_eq!(p.found.facility, after.facility);
+    says(&exported(&p).unwrap_err(), &["values for several periods", "--format json"]);
     let [step] = p.found.step.as_slice() else { panic!("{:?}", p.found.step) };
     assert_eq!(step.parameter, "offset field of Y");
     says(
@@ -666,6 +697,23 @@ fn runs_in_several_orientations_give_the_facility_from_their_parameter_files_and
         close(three(&file, "facility.offset_nt"), real.offset_nt, 0.2);
         close(three(&file, "facility.angles_deg"), real.angles_deg, 0.5 / 3600.0);
     }
+    // The scale factor that coils and sensor have in common is not known from turning the sensor, and who uses the file is told.
+    let tilt = case.out().join("COIL_TILT__13-04-03_01-00-00.toml");
+    let case_of = Case::of(std::fs::read_to_string(case.campaign().join("13-04-03/01-00-00.CCR")).unwrap());
+    case_of.done(&["--facility", tilt.to_str().unwrap(), "--order", "0"]);
+    says(
+        &case_of.cpf()["warnings"].to_string(),
+        &["COIL_TILT__13-04-03_01-00-00.toml", "the common scale factor of coil system"],
+    );
+    assert!(case_of.cpf()["warning_kinds"].to_string().contains("facility"));
+    // Sensitivities and offsets belong to a mode.
+    let run = case.campaign().join("13-04-03/03-00-00.CCR");
+    let text = std::fs::read_to_string(&run).unwrap();
+    let mode = text.lines().find(|l| l.starts_with("mode = ")).unwrap();
+    std::fs::write(&run, text.replace(mode, "mode = \"another\"")).unwrap();
+    let (status, _, errors) = coil(&case, "tilt", &[&campaign], &options);
+    assert_eq!(status, Some(2), "{errors}");
+    says(&errors, &["in several modes: another, ", "name the runs of one mode"]);
 }
 
 /// Readings in four positions in the field that the facility makes of the settings without its own offset field.
@@ -1027,8 +1075,10 @@ fn the_uncertainty_of_the_facility_stands_beside_that_of_the_run() {
         let expected: f64 = moved.iter().map(|m| m[i] * m[k]).sum();
         assert!((entry(i, k) / expected - 1.0).abs() < 1e-3, "{i} {k}: {} is not {expected}", entry(i, k));
     }
+    says(file["convention"]["uncertainty"].as_str().unwrap(), &["of type A", "in std_b", "in std_combined"]);
     let without = fitted(with_covariance(SCALE, OFFSET_NT).split("[covariance]").next().unwrap().to_owned());
     assert!(without.get("std_b").is_none() && without.get("covariance_combined").is_none());
+    says(without["convention"]["uncertainty"].as_str().unwrap(), &["coil constants and coil angles not included"]);
     close(three(&without, "std.sigma"), of("std.sigma"), 0.0);
 }
 

@@ -3,6 +3,7 @@
 use crate::common;
 
 use calfit::data::convention::Convention;
+use calfit::data::note::{Note, NoteKind, Told};
 use calfit::data::provenance::Provenance;
 use calfit::data::recipe::Recipe;
 use calfit::data::reference::Reference;
@@ -86,6 +87,7 @@ prop_compose! {
             }),
             known_effects: field_nt.iter().map(|_| "a \"model\".toml".to_owned()).collect(),
             valid_field_nt: field_nt.map(|limits| limits.map(|b| [-b, b])),
+            told: Told::of(&field_nt.iter().map(|_| Note::new(NoteKind::GainJump, "a \"jump\"")).collect::<Vec<_>>()),
         }
     }
 }
@@ -264,6 +266,23 @@ fn what_a_ground_calibration_file_lacks_is_named() {
     refused(&[&made.tcf, &made.tcf], &[], &["is a second TCF file"]);
     refused(&[&made.tcf, &made.tpf], &[], &["is not needed beside the TCF"]);
     refused(&[&made.tcf], &["--at-centre"], &["comes from a position beside the centre"]);
+    let beside = Case::new();
+    for (i, degc) in CYCLE_DEGC.into_iter().enumerate() {
+        let run = format!("01-06-0{}_09-00-00", i + 1);
+        beside
+            .put(&format!("{run}.CPF"), cpf(&run, degc, 1e-3).replace("mode = \"m\"", "mode = \"m\"\nlocation = \"off-centre\""));
+    }
+    let mut command = calfit();
+    command.arg("thermal").arg(beside.campaign()).args(["--order", "sigma=1", "--order", "xi=1", "--no-plots", "-o"]);
+    done(&command.arg(beside.out()).output().unwrap());
+    let tpf = beside.out().join("THERMAL_PARAMETER__01-06-01-09-00-00.TPF");
+    refused(&[&tpf, &made.tof, &made.thermistor], &["--at-centre"], &["beside the centre", "thermal --centre"]);
+    // The other forms say it with the values.
+    for (format, end) in [("csv", "csv"), ("dcc", "xml")] {
+        done(&export(format, &[&tpf], &beside.path().join(format), &[]));
+        let name = format!("THERMAL_PARAMETER__01-06-01-09-00-00.TPF.{end}");
+        says(&fs::read_to_string(beside.path().join(format).join(name)).unwrap(), &["location", "beside the centre"]);
+    }
     refused(&[&made.case.campaign().join("01-06-01_09-00-00.CPF")], &[], &["01-06-01_09-00-00.CPF"]);
     let table = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/rosetta/pt1000_table.csv");
     let fifth = made.case.path().join("fifth");

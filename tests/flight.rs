@@ -567,8 +567,13 @@ fn known_effects_of_the_ground_calibration_are_taken_off_in_flight() {
         let small = Small::new(&configuration(model), rows);
         let known = if is_known { "known_effects = [\"model.toml\"]\n[std]" } else { "[std]" };
         fs::write(small.folder.path().join("OB.TXT"), ground.replace("[std]", known)).unwrap();
-        let model =
-            Model { used: vec!["26-01-01_00-00-00".to_owned()], convention: "as printed".to_owned(), effect: vec![effect] };
+        let model = Model {
+            used: vec!["26-01-01_00-00-00".to_owned()],
+            convention: "as printed".to_owned(),
+            sensor: None,
+            mode: None,
+            effect: vec![effect],
+        };
         let text = parameter::to_text(&model, &Provenance::new(Recipe::plain("diagnose"), Vec::new())).unwrap();
         fs::write(small.folder.path().join("model.toml"), text).unwrap();
         small

@@ -388,6 +388,27 @@ fn thousands_of_plateaus_at_three_temperatures_are_one_run() {
 }
 
 #[test]
+fn a_guess_reads_the_unit_of_a_temperature_from_its_name_or_asks() {
+    let desk = Desk::new();
+    let guess = |name: &str, value: f64| {
+        let rows: String = (0..40)
+            .map(|i| {
+                let b = f64::from(i / 4 % 5) * 1000.0;
+                format!("{}.0,{b},{},{},{},{},{},{value}\n", i, -b, 2.0 * b, 1.01 * b, -0.99 * b, 2.02 * b)
+            })
+            .collect();
+        let table = desk.put("t.csv", format!("Time,Bx,By,Bz,Hx,Hy,Hz,{name}\n{rows}"));
+        text(&calfit().args(["import", "--guess"]).arg(&table).output().unwrap().stdout)
+    };
+    says(&guess("T [K]", 295.0), &["T59 = { column = \"T [K]\", unit = \"K\" }"]);
+    says(&guess("T_sensor_F", 68.0), &["T59 = { column = \"T_sensor_F\", unit = \"degF\" }"]);
+    let told = guess("T_sensor_C", 20.0);
+    says(&told, &["T59 = \"T_sensor_C\""]);
+    assert!(!told.contains("tells the unit; 20"), "{told}");
+    says(&guess("temp_sensor", 68.0), &["CHECK: no name tells the unit; 68.0 is taken for degrees Celsius"]);
+}
+
+#[test]
 fn pauses_part_runs_and_a_guess_finds_them() {
     let desk = Desk::new();
     let table = desk.put("plateaus.csv", plateau_table());

@@ -434,6 +434,14 @@ fn the_command_writes_a_file_per_sensor_that_the_runs_name_and_verify_repeats() 
     let one = cpf(&case.out(), "13-04-03_10-00-02");
     assert_eq!(one["linearisation"]["file"].as_str(), Some(of_a));
     assert_eq!(three(&one, "linearisation.applied.c2_per_ent"), three(&a, "linearisation.c2_per_ent"));
+    // What is exported of a run holds for readings that only these coefficients linearise.
+    let path = case.out().join("13-04-03_10-00-02/PARAMETER_LIN__13-04-03_10-00-02.CPF");
+    let out = case.path().join("exported");
+    let export = calfit().args(["export", "--format", "csv", "-o"]).arg(&out).arg(path).output().unwrap();
+    assert_eq!(export.status.code(), Some(0), "{}", text(&export.stderr));
+    let table = std::fs::read_to_string(out.join("PARAMETER_LIN__13-04-03_10-00-02.CPF.csv")).unwrap();
+    let (c2, c3) = (three(&a, "linearisation.c2_per_ent"), three(&a, "linearisation.c3_per_ent2"));
+    says(&table, &[&format!("\nlinearisation_c2,z,{:?},", c2[2]), &format!("\nlinearisation_c3,x,{:?},", c3[0])]);
     let report = text(&files["REPORT_LINEARISATION__13-04-03_10-00-01.md"]);
     says(&report, &["13-04-03_10-00-02", "| x | X (along it) |", "| z | Y |", "c2, 1/enT"]);
     says(&text(&files["13-04-03_10-00-02/REPORT_LIN__13-04-03_10-00-02.md"]), &["linearised with", of_a]);

@@ -98,6 +98,8 @@ fn what_a_model_brings_into_a_simulated_run_the_diagnosis_takes_out_with_it() {
     let of_run = |out: &Path| -> PathBuf { out.join(RUN).join(format!("PARAMETER_LIN__{RUN}.CPF")) };
     for (k, effects) in MODELS.iter().enumerate() {
         let model = Model {
+            sensor: None,
+            mode: None,
             used: vec![RUN.to_owned()],
             convention: "as printed".to_owned(),
             effect: effects.iter().map(entry).collect(),

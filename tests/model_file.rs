@@ -45,7 +45,13 @@ fn cubic(value: f64) -> ModelEffect {
 }
 
 fn write_model(case: &Case, effects: Vec<ModelEffect>) -> PathBuf {
-    let model = Model { used: vec![RUN.to_owned()], convention: "as printed".to_owned(), effect: effects };
+    write_model_of(case, effects, None)
+}
+
+/// The same with sensor and mode.
+fn write_model_of(case: &Case, effects: Vec<ModelEffect>, of: Option<[&str; 2]>) -> PathBuf {
+    let [sensor, mode] = of.map_or([None, None], |of| of.map(|name| Some(name.to_owned())));
+    let model = Model { used: vec![RUN.to_owned()], convention: "as printed".to_owned(), sensor, mode, effect: effects };
     let text = parameter::to_text(&model, &Provenance::new(calfit::data::recipe::Recipe::plain("diagnose"), Vec::new())).unwrap();
     let path = case.path().join("model.toml");
     fs::write(&path, text).unwrap();
@@ -139,16 +145,42 @@ fn what_belongs_to_another_run_or_goes_beyond_is_said() {
             vec![parameter("onset", onset, None, "s")],
         )
     };
-    let narrow = ModelEffect { reading_ent: Some(vec![[-900.0, 900.0]; 3]), ..cubic(C3) };
+    // The effect is on z, and what it says of the readings of the other axes does not matter.
+    let narrow = ModelEffect { reading_ent: Some(vec![[-9.0, 9.0], [-8.0, 8.0], [-900.0, 900.0]]), ..cubic(C3) };
     let path = write_model(&case, vec![narrow, step("13-04-04_00-00-00", 40.0), step(RUN, 1e5)]);
     let lin = fit(&case.file(), known(Some(&path)).unwrap());
     let warnings = lin.notes.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
     for words in ["from -900 to 900 enT", "13-04-04_00-00-00", "outside of the run"] {
         assert!(warnings.contains(words), "{warnings}");
     }
+    assert!(!warnings.contains("from -9 to") && !warnings.contains("from -8 to"), "{warnings}");
     let applied = lin.model.unwrap();
     assert_eq!((applied.effect.len(), applied.left_out.len()), (1, 2));
     assert!((lin.calibration.offset.b_or_ent[0] - Truth::default().offset_ent[0]).abs() < 0.05);
+}
+
+#[test]
+fn a_model_of_another_sensor_or_mode_is_refused() {
+    let case = Case::of(bent().text());
+    let header = bent().text();
+    let key = |name: &str| {
+        header.lines().find_map(|l| l.strip_prefix(&format!("{name} = \""))).unwrap().trim_end_matches('"').to_owned()
+    };
+    let (sensor, mode) = (key("sensor"), key("mode"));
+    let with = |of: Option<[&str; 2]>| {
+        let model = write_model_of(&case, vec![cubic(C3)], of);
+        case.lin(&["--order", "0", "--no-plots", "--force", "--model", model.to_str().unwrap()])
+    };
+    for of in [["another", mode.as_str()], [sensor.as_str(), "another"]] {
+        let output = with(Some(of));
+        assert_eq!(output.status.code(), Some(2));
+        says(&text(&output.stderr), &["model.toml holds effects of", "another", "name the model of this sensor and mode"]);
+    }
+    let output = with(Some([&sensor, &mode]));
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(!text(&output.stderr).contains("of which sensor"), "{}", text(&output.stderr));
+    // An earlier file does not tell, which is said. An effect of the facility is the same for every sensor.
+    says(&text(&with(None).stderr), &["model.toml does not tell of which sensor and mode"]);
 }
 
 #[test]

@@ -137,8 +137,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     let all: Vec<&Diagnosed> = done.iter().collect();
     if let Some(path) = &arguments.write_model {
-        let given = given.map(|file| file.body.effect).unwrap_or_default();
-        publish_model(path, &all, &given, common.force)?;
+        publish_model(path, &all, given.as_ref().map(|file| &file.body), common.force)?;
         if !common.json {
             terminal.tell(&format!("model -> {}\n", path.display()));
         }

@@ -244,9 +244,9 @@ impl Work<'_, '_> {
         input.measured(measured);
         let lins: Vec<_> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();
         let results = input.groups(&lins, entries, options, &self.desk);
-        let (groups, at_one_temperature) = sort_results(results, &mut self.failures, self.terminal);
+        let (groups, at_one_temperature) = sort_results(results, true, &mut self.failures, self.terminal);
         let not_applied = at_one_temperature.iter().map(|f| format!("{}: {}", f.file, f.rule)).collect();
-        let centres = sort_centres(input.to_own_centre(&groups, options, &self.desk), &mut self.failures, self.terminal);
+        let centres = sort_centres(input.to_own_centre(&groups, options, &self.desk), true, &mut self.failures, self.terminal);
         let alone = refer(measured, alone, &groups, &self.desk);
         scale_to_nt(measured, &self.desk)?;
         let beside_alone = input.without_centre(&groups);

@@ -5,7 +5,7 @@ use super::output::{Terminal, json};
 use super::{Common, Status, open_without, refused, report_failures, status};
 use crate::data::across::CalibratedRun;
 use crate::data::error::{Finding, Severity};
-use crate::data::note::NoteKind;
+use crate::data::note::{Note, NoteKind};
 use crate::files::campaign::Campaign;
 use crate::files::index;
 use crate::files::parameter::{Body, FileKind, Tpf, alone_of, is_named};
@@ -101,7 +101,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     if !input.points().is_empty() && !input.points().iter().any(has_temperature) {
         failures.push(no_temperature(input.points()));
     }
-    let (groups, at_one_temperature) = sort_results(results, &mut failures, terminal);
+    // What the runs of this command say was shown with them.
+    let are_shown = files.is_empty();
+    let (groups, at_one_temperature) = sort_results(results, are_shown, &mut failures, terminal);
     // Nothing failed where the analysis does not apply; runs without a temperature lack something.
     let at_one_temperature = if input.points().iter().all(has_temperature) {
         at_one_temperature.iter().for_each(|f| terminal.finding(&f.clone().weighing(Severity::Warning)));
@@ -124,7 +126,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         failures.push(("the tables of all runs".to_owned(), Failure::Refused(finding)));
     }
     let done = Done {
-        centres: sort_centres(taken, &mut failures, terminal),
+        centres: sort_centres(taken, are_shown && pair.is_none(), &mut failures, terminal),
         sweeps: measured.iter().filter_map(Measured::sweep).collect(),
         groups,
         at_one_temperature,
@@ -200,9 +202,11 @@ fn warn_of_left_out(points: &[CalibratedRun], groups: &[ThermalShown], terminal:
     }
 }
 
-/// The polynomials that were taken to the centre, with their warnings shown; the others go to the failures.
+/// The polynomials that were taken to the centre, with their warnings shown, but for those of runs and polynomials that are shown; the others
+/// go to the failures.
 pub(super) fn sort_centres(
     results: Vec<Result<CentreMade, Failure>>,
+    are_shown: bool,
     failures: &mut Vec<(String, Failure)>,
     terminal: &Terminal,
 ) -> Vec<CentreMade> {
@@ -210,7 +214,7 @@ pub(super) fn sort_centres(
     for result in results {
         match result {
             Ok(made) => {
-                made.result.notes.iter().for_each(|w| terminal.warning(&format!("{}: {w}", made.file.file_name())));
+                tell(&made.result.notes, &made.file.file_name(), are_shown, terminal);
                 done.push(made);
             }
             Err(failure) => {
@@ -265,10 +269,18 @@ impl Done<'_> {
     }
 }
 
-/// The analyses that were made, with their warnings shown, and those that do not apply to runs at one temperature; those that are refused
-/// go to the failures.
+/// Shows the notes on a file, without those of other results where these are shown.
+fn tell(notes: &[Note], file: &str, are_shown: bool, terminal: &Terminal) {
+    for note in notes.iter().filter(|note| note.of.is_none() || !are_shown) {
+        terminal.warning(&format!("{file}: {note}"));
+    }
+}
+
+/// The analyses that were made, with their warnings shown, but for those of runs that are shown, and those that do not apply to runs at one
+/// temperature; those that are refused go to the failures.
 pub(super) fn sort_results(
     results: Vec<Result<ThermalShown, NoThermal>>,
+    are_shown: bool,
     failures: &mut Vec<(String, Failure)>,
     terminal: &Terminal,
 ) -> (Vec<ThermalShown>, Vec<Finding>) {
@@ -276,8 +288,7 @@ pub(super) fn sort_results(
     for result in results {
         match result {
             Ok(one) => {
-                let name = one.file.file_name();
-                one.thermal.notes.iter().for_each(|w| terminal.warning(&format!("{name}: {w}")));
+                tell(&one.thermal.notes, &one.file.file_name(), are_shown, terminal);
                 done.push(one);
             }
             Err(NoThermal::OfPair) => {}

@@ -195,3 +195,23 @@ impl Told {
 pub fn told<S: Serializer>(notes: &[Note], serializer: S) -> Result<S::Ok, S::Error> {
     Told::of(notes).serialize(serializer)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn notes_that_qualify_values_go_with_them_and_keep_their_labels() {
+        let notes = [
+            Note::new(NoteKind::Fit, "the residuals bend").with_remedy("look at them"),
+            Note::new(NoteKind::Data, "a row is repeated"),
+            Note::new(NoteKind::GainJump, "the gain jumps"),
+        ];
+        let lines = |told: &Told| told.with_values_of("run A").iter().map(Note::to_string).collect::<Vec<_>>();
+        let told = Told::of(&notes);
+        assert_eq!(lines(&told), ["FIT: run A: the residuals bend; look at them", "run A: the gain jumps"]);
+        // A file of an earlier version does not tell which of them matter.
+        let earlier = Told { warning_kinds: Vec::new(), ..told };
+        assert_eq!(earlier.with_values_of("run A").len(), 3);
+    }
+}

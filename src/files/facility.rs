@@ -6,6 +6,7 @@ use super::parameter::{self, is_covariance, is_sound_table};
 use super::source::read_whole;
 use super::text::{Group, Keys, decode};
 use crate::data::error::Finding;
+use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Role;
 use crate::data::result::Covariance;
 use crate::data::start::{NoStart, Start};
@@ -27,9 +28,11 @@ pub fn read(path: &Path) -> Result<Facility, Finding> {
     let (bytes, digested) = read_whole(path)?;
     let shown = path.display().to_string();
     let text = decode(&bytes).into_owned();
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    let mut notes = Vec::new();
     if text.lines().any(|l| l.starts_with("content_sha256 = ")) {
         // A file of this program carries its hash.
-        parameter::read_any(path)?;
+        notes = parameter::read_any(path)?.told.with_values_of(&name);
     }
     let keys = Keys::parse(&shown, 1, text)?;
     let periods = periods(&keys)?;
@@ -37,10 +40,25 @@ pub fn read(path: &Path) -> Result<Facility, Finding> {
         Some(valid) => [range(&valid, "coil_degc")?, range(&valid, "rack_degc")?],
         None => [None, None],
     };
+    notes.extend(undetermined(&keys.root(), &name)?);
     // Tables of others may hold nan; what a facility needs is read as finite numbers.
     is_sound_table(&shown, keys.table(), &keys.root().names())?;
-    let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok(Facility { input: digested.input(name).with_role(Role::Facility), periods, valid_coil_degc, valid_rack_degc })
+    Ok(Facility { input: digested.input(name).with_role(Role::Facility), periods, valid_coil_degc, valid_rack_degc, notes })
+}
+
+/// What turning the sensor does not tell apart from the sensor stays as it was in the facility before.
+fn undetermined(root: &Group, file: &str) -> Result<Option<Note>, Finding> {
+    let names = root.texts("undetermined")?.unwrap_or_default();
+    if names.is_empty() {
+        return Ok(None);
+    }
+    let text = format!(
+        "its runs leave undetermined: {}; there it has value and uncertainty of the facility with which they were evaluated, and no \
+         uncertainty where that stated none",
+        names.join("; ")
+    );
+    let note = Note { of: Some(file.to_owned()), ..Note::new(NoteKind::Facility, text) };
+    Ok(Some(note.with_remedy("make it with --facility and the covariance of a scalar calibration")))
 }
 
 /// A smallest and a largest value.

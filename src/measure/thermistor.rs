@@ -171,7 +171,7 @@ pub fn thermistor(
     if residual_max_degc > options.within_degc {
         let reaches = order_within.map_or_else(|| "no order does".to_owned(), |o| format!("order {o} does"));
         notes.push(Note::new(
-            NoteKind::Method,
+            NoteKind::Fit,
             format!(
                 "the polynomial of order {wanted} leaves up to {residual_max_degc:.4} °C, more than {} °C; {reaches}",
                 options.within_degc

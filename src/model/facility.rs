@@ -2,6 +2,7 @@
 
 use super::coil::Coil;
 use super::sensor::SplitError;
+use crate::data::note::Note;
 use crate::data::provenance::Input;
 use crate::data::result::Covariance;
 use crate::data::start::Start;
@@ -49,6 +50,8 @@ pub struct Facility {
     pub valid_coil_degc: Option<[f64; 2]>,
     /// The same of the rack.
     pub valid_rack_degc: Option<[f64; 2]>,
+    /// What qualifies its values.
+    pub notes: Vec<Note>,
 }
 
 /// Values of a facility and the time in which they hold.
@@ -312,6 +315,7 @@ mod tests {
         let with = |name: &str, variance: f64| Facility {
             valid_coil_degc: None,
             valid_rack_degc: None,
+            notes: Vec::new(),
             input: Input::default(),
             periods: vec![Period {
                 span: PeriodSpan::default(),

@@ -187,6 +187,8 @@ pub struct OrientedRun {
     pub run: String,
     /// Sensor, empty if not stated.
     pub sensor: String,
+    /// Mode, absent if not stated.
+    pub mode: Option<String>,
     /// Orientation.
     pub position: Position,
     /// Sensitivities along the sensor axes, nT/enT.

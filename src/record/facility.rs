@@ -55,6 +55,7 @@ pub fn apply(
             "the run says that its settings are corrected already; --facility corrects them once more",
         )]);
     }
+    notes.extend(facility.notes.iter().cloned());
     let periods = periods(facility, run, list, notes)?;
     let spans_s: Vec<[f64; 2]> = list.iter().map(span_s).collect();
     let channels = instructions.coil_channels(&run.header);

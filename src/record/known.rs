@@ -29,6 +29,7 @@ use crate::model::effects::{
 };
 use crate::model::lag::Lag;
 use nalgebra::{Matrix3, Vector3};
+use thiserror::Error;
 
 /// Readings beyond those of the runs in which an effect was found by more than this part of their range are an extrapolation.
 const BEYOND: f64 = 0.01;
@@ -79,6 +80,25 @@ pub struct Known {
     pub input: Input,
     /// The effects, in the order of the file.
     pub effects: Vec<KnownEffect>,
+    /// Sensor and mode of the runs in which they were found; absent where the file does not tell.
+    pub of: Option<[String; 2]>,
+}
+
+/// Effects of another sensor or mode.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[error("{file} holds effects of {} {}, and this is of {} {}", of[0], of[1], this[0], this[1])]
+pub struct OtherSensor {
+    /// The model file.
+    pub file: String,
+    /// Sensor and mode of the model.
+    pub of: [String; 2],
+    /// Sensor and mode of what it is used for.
+    pub this: [String; 2],
+}
+
+impl OtherSensor {
+    /// What to do about it.
+    pub const REMEDY: &str = "name the model of this sensor and mode, or leave --model out";
 }
 
 /// An effect of a model file.
@@ -123,7 +143,36 @@ impl Known {
             let runs = if e.run.is_some() { own.collect() } else { model.used.clone() };
             KnownEffect::of(e, runs, group, catalogue)
         });
-        Ok(Self { input, effects: effects.collect::<Result<_, _>>()? })
+        let of = model.sensor.clone().zip(model.mode.clone()).map(|(sensor, mode)| [sensor, mode]);
+        Ok(Self { input, effects: effects.collect::<Result<_, _>>()?, of })
+    }
+
+    /// Refuses its use for another sensor or mode. Effects of the facility are the same for every sensor.
+    ///
+    /// # Errors
+    /// [`OtherSensor`]
+    pub fn holds_for(&self, sensor: &str, mode: &str) -> Result<(), OtherSensor> {
+        match &self.of {
+            Some(of) if self.is_of_a_sensor() && of.each_ref().map(String::as_str) != [sensor, mode] => {
+                let this = [sensor.to_owned(), mode.to_owned()];
+                Err(OtherSensor { file: self.input.path.clone(), of: of.clone(), this })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// A note where the file does not tell of which sensor and mode its effects are.
+    #[must_use]
+    pub fn untold(&self) -> Option<Note> {
+        let file = &self.input.path;
+        let text = format!("{file} does not tell of which sensor and mode its effects are, so that this was not compared");
+        let note = || Note::new(NoteKind::Model, text).about(file.as_str());
+        let remedy = "make it again with `calfit diagnose --write-model`";
+        (self.of.is_none() && self.is_of_a_sensor()).then(|| note().with_remedy(remedy))
+    }
+
+    fn is_of_a_sensor(&self) -> bool {
+        self.effects.iter().any(|e| e.given.effect.about().family != Family::Facility)
     }
 
     /// For the diagnosis.
@@ -223,12 +272,16 @@ impl KnownEffect {
 
     /// Says where it is used beyond the readings with which it was found.
     fn extrapolates(&self, record: &Record, file: &str, notes: &mut impl Extend<Note>) {
-        let follows_reading = matches!(
-            self.given.effect.about().family,
-            Family::StaticOdd | Family::StaticEven | Family::CrossField | Family::Unknown
-        );
-        let Some(ranges) = self.reading_ent.filter(|_| follows_reading) else { return };
-        for (axis, [low, high]) in ranges.into_iter().enumerate() {
+        let axes = &self.given.spec.axes;
+        let follows = |axis: usize| match self.given.effect.about().family {
+            Family::StaticOdd | Family::StaticEven => axes.contains(&axis),
+            // The fields across the axes on which it acts.
+            Family::CrossField => axes.iter().any(|own| *own != axis),
+            Family::Unknown => true,
+            _ => false,
+        };
+        let Some(ranges) = self.reading_ent else { return };
+        for (axis, [low, high]) in ranges.into_iter().enumerate().filter(|(axis, _)| follows(*axis)) {
             let beyond = |x: f64| (low - x).max(x - high);
             let farthest = record.rows.iter().map(|r| beyond(r.linear_ent[axis])).fold(0.0, f64::max);
             if farthest > BEYOND * (high - low) && high > low {
@@ -357,6 +410,7 @@ pub fn apply(
     instructions: &Instructions,
     notes: &mut impl Extend<Note>,
 ) -> Applied {
+    notes.extend(known.untold());
     let file = &known.input.path;
     let mut part = ModelApplied { file: file.clone(), effect: Vec::new(), left_out: Vec::new() };
     let mut carried = Vec::new();

@@ -18,7 +18,7 @@ use crate::files::source::digest;
 use crate::files::table::stream::{Batch, Format, Reader, Writer};
 use crate::model::field_calibration::{CalibratedField, CalibrationError, Coefficients, FieldCalibration, Frame, MatrixForm};
 use crate::model::lag::Lag;
-use crate::record::known::Known;
+use crate::record::known::{Known, OtherSensor};
 use crate::record::single_readings::{NeedsMore, SingleReadings, TakenOff};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -191,6 +191,7 @@ pub fn applied(
 pub(super) fn of_readings(model: Option<&Known>, remedy: &str, notes: &mut Vec<Note>) -> Result<Option<SingleReadings>, Finding> {
     let Some(known) = model else { return Ok(None) };
     let refuse = |e: NeedsMore| Finding::error(&known.input.path, e.to_string(), remedy);
+    notes.extend(known.untold());
     let (effects, left) = SingleReadings::of(known).map_err(refuse)?;
     notes.extend(left);
     Ok(Some(effects))
@@ -200,6 +201,9 @@ pub(super) fn of_readings(model: Option<&Known>, remedy: &str, notes: &mut Vec<N
 pub(super) fn check_effects(file: &str, part: &FieldPart, model: Option<&Known>, are_taken_off: bool) -> Result<(), Finding> {
     if part.coefficients.matrix.is_none() {
         return Ok(());
+    }
+    if let Some(Err(other)) = model.map(|known| known.holds_for(&part.sensor, &part.mode)) {
+        return Err(Finding::error(file, other.to_string(), OtherSensor::REMEDY));
     }
     let of = part.known_effects.join(", ");
     match model {

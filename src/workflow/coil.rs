@@ -345,6 +345,7 @@ fn of_calibration(calibration: &LinearCalibration) -> Result<OrientedRun, Positi
     Ok(OrientedRun {
         run: calibration.run.id.clone(),
         sensor: calibration.run.sensor.clone(),
+        mode: Some(calibration.run.mode.clone()),
         position,
         sigma,
         offset_nt: std::array::from_fn(|i| sigma[i] * calibration.offset.b_or_ent[i]),

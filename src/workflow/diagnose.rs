@@ -2,7 +2,7 @@
 
 use super::again::WRITE_MODEL;
 use super::renew::DIAGNOSIS_FILE;
-use super::{Desk, Failure, Job, draw, read};
+use super::{Desk, Failure, Job, draw, is_model_of, read};
 use crate::data::error::Finding;
 use crate::data::plateau::{self, Accumulator, Cut};
 use crate::data::provenance::{Input, Provenance, Role};
@@ -38,6 +38,9 @@ pub struct Diagnosed {
     pub diagnosis: Diagnosis,
     /// Its origin.
     pub provenance: Provenance,
+    /// Sensor and mode of the run; absent for what is not of one run.
+    #[serde(skip)]
+    pub of: Option<[String; 2]>,
 }
 
 /// Files that a diagnosis is given beside the data.
@@ -55,7 +58,7 @@ impl Diagnosed {
     /// A diagnosis of this program.
     #[must_use]
     pub fn new(diagnosis: Diagnosis, provenance: Provenance) -> Self {
-        Self { written_by: WRITTEN_BY, diagnosis, provenance }
+        Self { written_by: WRITTEN_BY, diagnosis, provenance, of: None }
     }
 }
 
@@ -94,15 +97,18 @@ pub fn diagnose_run(job: &Job, desk: &Desk, with: &DiagnosedWith, two_threads: b
     // All samples of the run, their residuals and their spectra.
     room_for(&job.path, MEMORY_PER_BYTE.saturating_mul(content_size(&job.path))).map_err(Failure::Refused)?;
     let (run, (accumulator, samples)) = read(job, desk, two_threads, (Accumulator::default(), Samples::default()))?;
+    is_model_of(with.model.as_ref(), &run, job)?;
     let plateaus = plateau::of_run(&run, accumulator, Cut::default());
     let mut diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, &with.options())
         .map_err(|reason| Failure::Refused(refusal(&job.recorded, &reason)))?;
     diagnosis.notes.extend(conditions::excluded(&run));
+    diagnosis.notes.extend(with.model.as_ref().and_then(Known::untold));
     let mut input = vec![Input::from(&run.input)];
     input.extend(job.campaign.input.clone());
     input.extend(with.inputs());
     let provenance = Provenance::new(Recipe::plain("diagnose").reading(desk.allowed_of(&run.header.run)), input);
-    Ok(Diagnosed { written_by: WRITTEN_BY, diagnosis, provenance })
+    let of = Some([run.header.sensor.clone(), run.header.mode.clone()]);
+    Ok(Diagnosed { of, ..Diagnosed::new(diagnosis, provenance) })
 }
 
 /// A refusal of a file or of several.
@@ -116,7 +122,7 @@ fn refusal(place: &str, reason: &DiagnoseError) -> Finding {
 /// The table cannot be read, or its name cannot be a run id.
 pub fn diagnose_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Diagnosed, Finding> {
     let (rows, id, provenance) = super::freq::amplitude_table("diagnose", path, findings)?;
-    Ok(Diagnosed { written_by: WRITTEN_BY, diagnosis: diagnose::freq::table(&rows, &id), provenance })
+    Ok(Diagnosed::new(diagnose::freq::table(&rows, &id), provenance))
 }
 
 /// Parameters of runs that are looked at together.
@@ -200,7 +206,7 @@ impl Across {
             return Err(Finding::error(&shown.join(", "), rule, "fit the runs again with the same --facility"));
         }
         let diagnosis = across(&self.values, &Catalogue::default()).map_err(|reason| refusal(&shown.join(", "), &reason))?;
-        Ok(Diagnosed { written_by: WRITTEN_BY, diagnosis, provenance: Provenance::new(Recipe::plain("diagnose"), self.inputs) })
+        Ok(Diagnosed::new(diagnosis, Provenance::new(Recipe::plain("diagnose"), self.inputs)))
     }
 }
 
@@ -261,13 +267,16 @@ pub fn known(path: Option<&PathBuf>) -> Result<Option<Known>, Finding> {
     path.map(|path| read_model(path).map(|(_, known)| known)).transpose()
 }
 
-/// Writes the effects of some diagnoses as a model file.
+/// Writes the effects of some diagnoses as a model file, beside those of a model that they were given.
 ///
 /// # Errors
 /// What cannot be written.
-pub fn publish_model(path: &Path, all: &[&Diagnosed], given: &[ModelEffect], force: bool) -> Result<(), Finding> {
-    let mut effect: Vec<ModelEffect> = given.to_vec();
-    for (diagnosis, step) in all.iter().flat_map(|d| d.diagnosis.steps.iter().map(|s| (&d.diagnosis, s))) {
+pub fn publish_model(path: &Path, all: &[&Diagnosed], given: Option<&Model>, force: bool) -> Result<(), Finding> {
+    let mut effect: Vec<ModelEffect> = given.map(|model| model.effect.clone()).unwrap_or_default();
+    // The sensors and modes of what is written.
+    let mut of: Vec<Option<[String; 2]>> = given.iter().map(|model| Some([model.sensor.clone()?, model.mode.clone()?])).collect();
+    for (diagnosed, step) in all.iter().flat_map(|d| d.diagnosis.steps.iter().map(move |s| (d, s))) {
+        let diagnosis = &diagnosed.diagnosis;
         let first = (step.form.clone(), step.parameters.clone());
         for (form, parameters) in std::iter::once(&first).chain(&step.further) {
             // What is damaged or only seen between runs is no term of a reading.
@@ -280,10 +289,15 @@ pub fn publish_model(path: &Path, all: &[&Diagnosed], given: &[ModelEffect], for
             let any_run = !step.effect.is_of_one_run(&entry.form);
             if !effect.iter().any(|e| same(e) && (any_run || e.run == entry.run)) {
                 effect.push(entry);
+                of.push(diagnosed.of.clone());
             }
         }
     }
+    let one = of.first().cloned().flatten().filter(|first| of.iter().all(|other| other.as_ref() == Some(first)));
+    let [sensor, mode] = one.map_or([None, None], |of| of.map(Some));
     let model = Model {
+        sensor,
+        mode,
         used: all.iter().flat_map(|d| d.diagnosis.runs.clone()).collect(),
         convention: "reading += parameter x column of the form (`calfit effects ID`), enT; fields nT in coil axes, times s from the run's start; \
                      sines: phasor x (1 + part (P(f/f_c) - 1)) with P one or two poles, f_s += drift_k t^k or drift (T - T_mean), readings late by shift"

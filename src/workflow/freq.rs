@@ -48,6 +48,10 @@ impl PerRun for Options {
         self.model.iter().map(|m| m.input.clone()).collect()
     }
 
+    fn model(&self) -> Option<&Known> {
+        self.model.as_ref()
+    }
+
     fn with_corrections(self, _facility: Option<&Facility>, model: Option<&Known>) -> Self {
         Self { model: model.cloned(), ..self }
     }

@@ -368,7 +368,11 @@ impl Import {
             ));
         }
         for channel in mapping.temperatures.iter().chain(&mapping.channels) {
-            let unit = if channel.kelvin { ", K - 273.15" } else { "" };
+            let unit = match channel.unit {
+                mapping::TemperatureUnit::Celsius => "",
+                mapping::TemperatureUnit::Kelvin => ", K - 273.15",
+                mapping::TemperatureUnit::Fahrenheit => ", (degF - 32) / 1.8",
+            };
             list.push(format!("channel {} from column `{}`{unit}", channel.name, channel.column));
         }
         list.extend(content.remarks.iter().cloned());

@@ -54,6 +54,10 @@ impl PerRun for Options {
         Self { trend_order: Some(result.calibration.offset.trend_order), ..self.clone() }
     }
 
+    fn model(&self) -> Option<&Known> {
+        self.model.as_ref()
+    }
+
     fn with_corrections(self, facility: Option<&Facility>, model: Option<&Known>) -> Self {
         Self { facility: facility.cloned(), model: model.cloned(), ..self }
     }
@@ -118,7 +122,8 @@ impl RunResult for Lin {
         Some((&self.parameters()).into())
     }
     fn parameters(&self) -> Cpf {
-        let convention = if self.linearisation.is_some() { Convention::linearised() } else { Convention::default() };
+        let convention = Convention::new(self.has_type_b());
+        let convention = if self.linearisation.is_some() { convention.linearised() } else { convention };
         let convention = if self.model.is_some() { convention.without_effects() } else { convention };
         Cpf {
             convention: if self.calibration.slopes.is_some() { convention.at_one_temperature() } else { convention },

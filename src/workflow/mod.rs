@@ -75,7 +75,7 @@ use crate::files::{ccr, parameter};
 use crate::model::campaign::Instructions;
 use crate::model::facility::Facility;
 use crate::plot::{self, Named};
-use crate::record::known::Known;
+use crate::record::known::{Known, OtherSensor};
 use crate::show::document::Section;
 use crate::show::{self, Drawn, markdown};
 use rayon::prelude::*;
@@ -116,6 +116,11 @@ pub trait PerRun: Clone + Default + Serialize + DeserializeOwned + Send + Sync +
     /// Inputs beside the run and the campaign file.
     fn inputs(&self) -> Vec<Input> {
         Vec::new()
+    }
+
+    /// The known effects that are taken off the readings.
+    fn model(&self) -> Option<&Known> {
+        None
     }
 
     /// The options with what the analysis chose where they leave it open.
@@ -459,6 +464,7 @@ fn read<S: VectorSink>(job: &Job, desk: &Desk, two_threads: bool, sink: S) -> Re
 pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) -> Result<Made<A::Result>, Failure> {
     room_for(&job.path, A::MEMORY_PER_BYTE.saturating_mul(content_size(&job.path))).map_err(Failure::Refused)?;
     let (run, sink) = read(job, desk, two_threads, analysis.sink(desk.plots))?;
+    is_model_of(analysis.model(), &run, job)?;
     let result = analysis
         .analyse(&run, sink, job.campaign)
         .map_err(|refusal| Failure::Refused(Finding::error(&job.recorded, refusal.rule, refusal.remedy)))?;
@@ -468,6 +474,12 @@ pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) 
     let provenance = Provenance::new(recipe(analysis, &result, desk), input);
     let instructions = job.campaign.file.instructions.clone();
     Ok(Made { result, provenance, run: Some(run), options: analysis.clone(), instructions, in_group: false })
+}
+
+/// Refuses a run of another sensor or mode than the known effects are of.
+fn is_model_of(model: Option<&Known>, run: &Run, job: &Job) -> Result<(), Failure> {
+    let holds = model.map_or(Ok(()), |known| known.holds_for(&run.header.sensor, &run.header.mode));
+    holds.map_err(|other| Failure::Refused(Finding::error(&job.recorded, other.to_string(), OtherSensor::REMEDY)))
 }
 
 /// What a result is made with.

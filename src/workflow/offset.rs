@@ -45,6 +45,10 @@ impl PerRun for Options {
         self.cpf.iter().map(|(input, _)| input.clone()).chain(facility).chain(model).collect()
     }
 
+    fn model(&self) -> Option<&Known> {
+        self.model.as_ref()
+    }
+
     fn with_corrections(self, facility: Option<&Facility>, model: Option<&Known>) -> Self {
         Self { facility: facility.cloned(), model: model.cloned(), ..self }
     }

@@ -44,6 +44,10 @@ impl PerRun for Options {
         facility.chain(self.model.iter().map(|m| m.input.clone())).collect()
     }
 
+    fn model(&self) -> Option<&Known> {
+        self.model.as_ref()
+    }
+
     fn with_corrections(self, facility: Option<&Facility>, model: Option<&Known>) -> Self {
         Self { facility: facility.cloned(), model: model.cloned(), ..self }
     }

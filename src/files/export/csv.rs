@@ -12,13 +12,14 @@ pub(super) fn export(sources: &[Source], options: &Options) -> Result<Vec<Export
     let cell = |value: Option<f64>| value.map_or_else(String::new, |v| format!("{v:?}"));
     let one = |source: &Source| {
         let mut text = format!(
-            "# {} {} quantities of {}, SHA-256 {}; standard uncertainties, coverage factor 1; name_Tk is the coefficient of T^k, T in degC{}\n\
+            "# {} {} quantities of {}, SHA-256 {}; standard uncertainties, coverage factor 1; name_Tk is the coefficient of T^k, T in degC{}{}\n\
              name,component,value,standard_uncertainty,unit,frame,valid_from,valid_to,valid_unit\n",
             options.provenance.tool,
             options.provenance.tool_version,
             one_line(source.name()),
             source.input().sha256,
-            // One line, so that the names of the columns stand in the second.
+            source.told().iter().map(|told| format!("; {}: {}", told.name, one_line(&told.text))).collect::<String>(),
+            // The last, so that what follows `apply = ` is JSON; one line, so that the names of the columns stand in the second.
             source.value.get("apply").map_or_else(String::new, |apply| format!("; apply = {}", one_line(&apply.to_string())))
         );
         for q in quantities(source)? {

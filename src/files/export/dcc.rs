@@ -47,8 +47,9 @@ fn named(element: &str, text: &str) -> String {
 fn days(source: &Source) -> [String; 2] {
     let of_run = |id: &str| Some(time_of_id(id.get(.."yy-mm-dd_hh-mm-ss".len())?)?.date().to_string());
     let made = || source.file.provenance.created.get(..10).unwrap_or_default().to_owned();
-    let runs = source.value["runs"].as_array().into_iter().flatten().filter_map(|v| v.as_str());
-    let mut list: Vec<String> = runs.chain(source.text("/run/id")).filter_map(of_run).collect();
+    let named = |key: &str| source.value[key].as_array().into_iter().flatten().filter_map(|v| v.as_str());
+    // The files of coils name their runs so.
+    let mut list: Vec<String> = named("runs").chain(named("used")).chain(source.text("/run/id")).filter_map(of_run).collect();
     list.sort();
     [list.first().cloned().unwrap_or_else(made), list.last().cloned().unwrap_or_else(made)]
 }
@@ -108,12 +109,13 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
     };
     let _ = writeln!(
         out,
-        "<dcc:statements>\n{}{}{}{}</dcc:statements>\n</dcc:administrativeData>",
+        "<dcc:statements>\n{}{}{}{}{}</dcc:statements>\n</dcc:administrativeData>",
         statement(
             "uncertainty",
             &format!(
-                "expanded uncertainties are standard uncertainties times their coverage factor, {LEAST_COVERAGE_FACTOR}, or Student's factor \
-                 where few data tell them; {uncertainty}"
+                "expanded uncertainties are standard uncertainties{} times their coverage factor, {LEAST_COVERAGE_FACTOR}, or Student's factor \
+                 where few data tell them; {uncertainty}",
+                if source.has_combined() { " of both types, A and B (those called combined)" } else { "" }
             )
         ),
         statement("traceability", stated("Traceability of the reference field")),
@@ -122,7 +124,8 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
             "readings are engineering nanotesla (enT), which stand as nanotesla; sensitivities nT/enT stand as one; nanotesla per \
              engineering unit of the coil system stand as nanotesla"
         ),
-        statement("apply", &apply)
+        statement("apply", &apply),
+        source.told().iter().map(|told| statement(told.name, &told.text)).collect::<String>()
     );
     let _ = writeln!(
         out,

@@ -10,6 +10,7 @@ use super::parameter::{AnyFile, Body, ParameterFile, read, read_any};
 use crate::data::error::Finding;
 use crate::data::note::Note;
 use crate::data::provenance::Provenance;
+use crate::data::run::Location;
 use std::path::{Path, PathBuf};
 
 /// Writes parameter files in one form.
@@ -37,6 +38,13 @@ pub struct Source {
     file: AnyFile,
     /// All of it; a number that is none is null.
     value: serde_json::Value,
+}
+
+/// A sentence about the values of a file.
+struct Told {
+    /// What it is about, in a word.
+    name: &'static str,
+    text: String,
 }
 
 /// A file in another form.
@@ -71,6 +79,45 @@ impl Source {
     #[must_use]
     pub fn notes(&self) -> Vec<Note> {
         self.file.told.with_values_of(self.name())
+    }
+
+    /// What a person must know to use its values, beside the values.
+    fn told(&self) -> Vec<Told> {
+        let mut list = Vec::new();
+        let mut tell = |name: &'static str, text: String| list.push(Told { name, text });
+        if ["/location", "/run/location"].into_iter().any(|at| self.location(at) == Some(Location::OffCentre)) {
+            let text = "the sensor stood beside the centre of the coil system, whose field there is not that of its settings: the sensitivities \
+                        and angles are not those at the centre, which a TCF file has";
+            tell("location", text.to_owned());
+        }
+        if let Some((form, seconds)) = self.text("/sweep/applied_lag/form").zip(self.number("/sweep/applied_lag/lag_s"))
+            && seconds != 0.0
+        {
+            let channel = self.text("/channel").unwrap_or("the thermistor");
+            let text = format!(
+                "the temperatures of the polynomials are those of {channel} with a lag ({form}) of {seconds:?} s: where the temperature moves, \
+                 take those of {channel} with this lag, not as they are read"
+            );
+            tell("lag", text);
+        }
+        let of_model = self.text("/model/file").into_iter();
+        let known = self.value.get("known_effects").and_then(serde_json::Value::as_array);
+        let effects: Vec<&str> = known.into_iter().flatten().filter_map(|v| v.as_str()).chain(of_model).collect();
+        if !effects.is_empty() {
+            let text = format!("the values hold for readings from which the effects of {} were taken off", effects.join(", "));
+            tell("known effects", text);
+        }
+        self.notes().iter().for_each(|note| tell("warning", Note { of: None, ..note.clone() }.to_string()));
+        list
+    }
+
+    fn location(&self, pointer: &str) -> Option<Location> {
+        Location::from_name(self.text(pointer)?)
+    }
+
+    /// Whether uncertainties of both types together stand in it.
+    fn has_combined(&self) -> bool {
+        ["std_combined", "covariance_combined", "together_combined"].into_iter().any(|key| self.value.get(key).is_some())
     }
 
     fn name(&self) -> &str {

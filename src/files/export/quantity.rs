@@ -60,6 +60,11 @@ impl Unit {
             "degC" => "\\degreecelsius",
             "V" => "\\volt",
             "ohm" => "\\ohm",
+            "s" => "\\second",
+            "1/K" => "\\kelvin\\tothe{-1}",
+            "nT/K" => "\\nano\\tesla\\kelvin\\tothe{-1}",
+            "1/enT" => "\\nano\\tesla\\tothe{-1}",
+            "1/enT^2" => "\\nano\\tesla\\tothe{-2}",
             _ => "\\one",
         };
         if self.power == 0 {
@@ -147,6 +152,10 @@ pub(super) fn quantities(source: &Source) -> Result<Vec<Quantity>, Finding> {
         let remedy = "use --format json, which takes every kind of file";
         return Err(source.refuse(format!("holds format {}, whose quantities have no list", source.format()), remedy));
     };
+    if source.value.get("period").and_then(serde_json::Value::as_array).is_some_and(|periods| !periods.is_empty()) {
+        let rule = "holds values for several periods of time, for which a list of quantities has no place";
+        return Err(source.refuse(rule, "use --format json, which takes all of it"));
+    }
     let valid = of_kind.valid_degc.and_then(|validity| valid_degc(source, validity)).map(|range| (range, "degC"));
     let mut list: Vec<Quantity> = of_kind.polynomials.iter().flat_map(|p| coefficients(source, p, valid)).collect();
     for entry in of_kind.entries.iter().filter(|e| source.value.pointer(e.value).is_some()) {

@@ -15,6 +15,7 @@ use crate::data::error::Finding;
 use crate::data::note::Told;
 use crate::data::reference::Reference;
 use crate::data::result::{Covariance, Rows};
+use crate::data::run::Location;
 use crate::files::ccr::run_id_is_safe;
 use crate::files::parameter::{self, Tcf, ThermistorFile, Tof, Tpf};
 use crate::files::text::quoted;
@@ -271,6 +272,10 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
         }
     } else if let (Some(source), true) = (tpf, options.at_centre) {
         let body = source.typed::<Tpf>()?.body;
+        if body.head.location == Location::OffCentre {
+            let rule = "was measured beside the centre of the coil system, and not at it";
+            return Err(source.refuse(rule, "take it to the centre with `calfit thermal --centre`, and name the TCF file"));
+        }
         file.of(source, [&body.head.sensor, &body.head.mode], body.head.valid_degc)?;
         let refused = |e: FitError| source.refuse(format!("has no form in the Rosetta convention: {e}"), "check its values");
         // The frames of the two conventions are turned against each other.

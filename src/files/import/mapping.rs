@@ -114,8 +114,19 @@ pub struct ChannelKeys {
     pub name: String,
     /// Column.
     pub column: String,
-    /// Whether it is K, which become °C.
-    pub kelvin: bool,
+    /// Unit of its values if it is a temperature; temperatures become °C.
+    pub unit: TemperatureUnit,
+}
+
+/// A unit of temperatures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TemperatureUnit {
+    /// °C.
+    Celsius,
+    /// K.
+    Kelvin,
+    /// °F.
+    Fahrenheit,
 }
 
 /// What a row is.
@@ -462,16 +473,19 @@ fn channels(group: Option<Group>, temperatures: bool) -> Result<Vec<ChannelKeys>
             Ok(Some(inner)) => (inner.text("column")?.ok_or_else(|| missing(&inner, "column"))?, inner.text("unit")?),
             _ => (group.text(name)?.unwrap_or_default(), None),
         };
-        let kelvin = match unit.as_deref() {
-            None => false,
+        let unit = match unit.as_deref() {
+            None => TemperatureUnit::Celsius,
             Some(_) if !temperatures => {
                 return Err(group.refuse(name, "has a unit, which other channels than temperatures have not", "take `unit` out"));
             }
-            Some("degC" | "°C" | "C") => false,
-            Some("K") => true,
-            Some(_) => return Err(group.refuse(name, "has a unit that is none of temperatures", "use \"degC\" or \"K\"")),
+            Some("degC" | "°C" | "C") => TemperatureUnit::Celsius,
+            Some("K") => TemperatureUnit::Kelvin,
+            Some("degF" | "°F" | "F") => TemperatureUnit::Fahrenheit,
+            Some(_) => {
+                return Err(group.refuse(name, "has a unit that is none of temperatures", "use \"degC\", \"K\" or \"degF\""));
+            }
         };
-        list.push(ChannelKeys { name: name.to_owned(), column, kelvin });
+        list.push(ChannelKeys { name: name.to_owned(), column, unit });
     }
     Ok(list)
 }

@@ -2,7 +2,7 @@
 
 use super::kind::Naming;
 use super::quantity::Shape::{Matrix, Vector};
-use super::quantity::{Entry, OF_TEMPERATURE, Quantities, SENSOR, VALID_DEGC};
+use super::quantity::{Entry, LINEARISATION_C2, LINEARISATION_C3, OF_TEMPERATURE, Quantities, SENSOR, VALID_DEGC};
 use super::{Body, FieldPart};
 use crate::data::across::{CentreResidual, LinearScope, PairedCalibration};
 use crate::data::apply::{Apply, OffsetQuantity};
@@ -154,6 +154,8 @@ impl Body for Tcf {
     const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
         polynomials: &OF_TEMPERATURE,
         entries: &[
+            LINEARISATION_C2,
+            LINEARISATION_C3,
             Entry::of("k", Vector, "/k", "/k_std", "1", SENSOR),
             Entry::of("k_inverse", Matrix, "/k_inverse", "/k_inverse_std", "1", "orthogonal sensor system"),
             Entry::of("b_res", Vector, "/residual_field/b_res_ent", "/residual_field/b_res_std_ent", "enT", SENSOR),

@@ -3,8 +3,8 @@
 use super::Body;
 use super::field::contradicts;
 use super::kind::Naming;
-use super::quantity::Shape::{Pairs, Vector};
-use super::quantity::{COIL, Entry, Quantities};
+use super::quantity::Shape::{Pairs, Scalar, Vector};
+use super::quantity::{COIL, Entry, Quantities, Validity};
 use crate::data::error::Finding;
 use crate::data::note::Told;
 use crate::model::facility::FacilityParameters;
@@ -87,8 +87,14 @@ impl Body for CoilScalar {
             Entry::of("scale", Vector, "/facility/scale_nt_per_eu", "/std/scale_nt_per_eu", "nT/EU", COIL),
             Entry::of("offset", Vector, "/facility/offset_nt", "/std/offset_nt", "nT", COIL),
             Entry::of("angle", Pairs, "/facility/angles_deg", "/std/angles_deg", "deg", "between coil axes"),
+            Entry::of("scale_per_k", Vector, "/facility/scale_per_k", "/std/scale_per_k", "1/K", COIL),
+            Entry::of("offset_per_k", Vector, "/facility/offset_nt_per_k", "/std/offset_nt_per_k", "nT/K", COIL),
+            Entry::of("reference_temperature", Scalar(""), "/facility/reference_degc", "", "degC", "coil system"),
+            Entry::of("rack_scale_per_k", Vector, "/facility/rack_scale_per_k", "/std/rack_scale_per_k", "1/K", COIL),
+            Entry::of("rack_offset_per_k", Vector, "/facility/rack_offset_nt_per_k", "/std/rack_offset_nt_per_k", "nT/K", COIL),
+            Entry::of("rack_reference_temperature", Scalar(""), "/facility/rack_reference_degc", "", "degC", "rack"),
         ],
-        valid_degc: None,
+        valid_degc: Some(Validity::Between(["/valid/coil_degc/0", "/valid/coil_degc/1"])),
     });
     fn file_name(&self) -> String {
         name(Self::FORMAT, &self.found.used)

@@ -3,7 +3,7 @@
 use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Diagonal, Matrix, Scalar, Vector};
-use super::quantity::{BETWEEN, Entry, Quantities, SENSOR, Validity};
+use super::quantity::{BETWEEN, Entry, LINEARISATION_C2, LINEARISATION_C3, Quantities, SENSOR, Validity};
 use super::{Body, FieldPart};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::calibration::LinearCalibration;
@@ -31,29 +31,36 @@ pub struct Convention {
     pub uncertainty: String,
 }
 
-impl Default for Convention {
-    fn default() -> Self {
+/// What the uncertainties of a run are without those of the coil system.
+const SCATTER: &str = "standard uncertainties, coverage factor 1, from the scatter of the samples within and of the means between the plateaus, slow noise included: 1.96 of them make an interval of 95 % (with plateau means only, Student's factor for quality.degrees_of_freedom)";
+
+impl Convention {
+    /// Of readings as they are; `has_type_b`: the file states what the coil system adds.
+    #[must_use]
+    pub fn new(has_type_b: bool) -> Self {
+        let of_facility = if has_type_b {
+            "those of std and covariance are of type A, without coil constants and coil angles; what these add as far as the facility file states it is in std_b, and both together in std_combined and covariance_combined"
+        } else {
+            "coil constants and coil angles not included"
+        };
         Self {
             model: "B_c = phi (B_r - B_or), phi = r_nom rho omega sigma, phi_tilde = omega sigma".to_owned(),
             frames: "B_c nT in coil coordinates; B_r, B_or enT along the sensor axes; matrices nT/enT; r_nom takes nominal sensor to coil coordinates; times s since the run's start".to_owned(),
             residual: "applied field minus modelled measurement, B_c - phi (B_r - B_or)".to_owned(),
-            uncertainty: "standard uncertainties, coverage factor 1, from the scatter of the samples within and of the means between the plateaus, slow noise included: 1.96 of them make an interval of 95 % (with plateau means only, Student's factor for quality.degrees_of_freedom); coil constants and coil angles not included".to_owned(),
+            uncertainty: format!("{SCATTER}; {of_facility}"),
         }
     }
-}
 
-impl Convention {
     /// For linearised readings, and parameters that hold for those alone.
     #[must_use]
-    pub fn linearised() -> Self {
-        let plain = Self::default();
+    pub fn linearised(self) -> Self {
         Self {
             model: format!(
                 "{}; B_r is the linearised reading, raw reading r + c2 r^2 + c3 r^3 with the coefficients of [linearisation]",
-                plain.model
+                self.model
             ),
-            uncertainty: format!("{}; that of the linearisation included", plain.uncertainty),
-            ..plain
+            uncertainty: format!("{}; that of the linearisation included", self.uncertainty),
+            ..self
         }
     }
 
@@ -147,6 +154,8 @@ impl Body for Cpf {
     const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
         polynomials: &[],
         entries: &[
+            LINEARISATION_C2,
+            LINEARISATION_C3,
             Entry::of("sigma", Diagonal, "/matrix/sigma", "/std/sigma", "nT/enT", SENSOR),
             Entry::of("xi", Scalar("xy"), "/angle_deg/xi_xy", "/std/xi_deg/0", "deg", BETWEEN),
             Entry::of("xi", Scalar("xz"), "/angle_deg/xi_xz", "/std/xi_deg/1", "deg", BETWEEN),

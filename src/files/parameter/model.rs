@@ -9,6 +9,12 @@ use serde::{Deserialize, Serialize};
 pub struct Model {
     /// Runs in which they were found.
     pub used: Vec<String>,
+    /// Sensor of these runs. Absent in files of earlier versions, and where the runs are of several sensors or do not tell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<String>,
+    /// Mode of these runs, absent likewise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub mode: Option<String>,
     /// What the numbers mean.
     pub convention: String,
     /// The effects.

@@ -14,6 +14,7 @@ pub struct Quantities {
 }
 
 /// A quantity that is a number, a vector or a matrix.
+#[derive(Clone, Copy)]
 pub struct Entry {
     /// Name.
     pub name: &'static str,
@@ -140,3 +141,22 @@ pub const OF_TEMPERATURE: [Polynomial; 18] = [
 
 /// Temperature polynomials and nothing else.
 pub const POLYNOMIALS: Quantities = Quantities { polynomials: &OF_TEMPERATURE, entries: &[], valid_degc: VALID_DEGC };
+
+/// The coefficients of the square that linearise a reading, r + c2 r^2 + c3 r^3, in files that hold for such readings.
+pub const LINEARISATION_C2: Entry = Entry::of(
+    "linearisation_c2",
+    Shape::Vector,
+    "/linearisation/applied/c2_per_ent",
+    "/linearisation/applied/c2_std_per_ent",
+    "1/enT",
+    SENSOR,
+);
+/// Those of the cube.
+pub const LINEARISATION_C3: Entry = Entry::of(
+    "linearisation_c3",
+    Shape::Vector,
+    "/linearisation/applied/c3_per_ent2",
+    "/linearisation/applied/c3_std_per_ent2",
+    "1/enT^2",
+    SENSOR,
+);

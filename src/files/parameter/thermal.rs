@@ -3,7 +3,7 @@
 use super::field::{contradicts, stated_polynomial};
 use super::kind::Naming;
 use super::quantity::Shape::Scalar;
-use super::quantity::{Entry, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
+use super::quantity::{Entry, LINEARISATION_C2, LINEARISATION_C3, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
 use super::{Body, FieldPart};
 use crate::data::across::{
     AppliedLag, CommonChange, LinearScope, RunModelErrors, RunResidualFields, RunRotations, ThermistorLag,
@@ -448,7 +448,22 @@ impl Body for Tpf {
     }
     const FORMAT: &'static str = "TPF";
     const NAMING: Naming = Naming::Extension;
-    const QUANTITIES: Option<&'static Quantities> = Some(&POLYNOMIALS);
+    const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
+        entries: &[
+            LINEARISATION_C2,
+            LINEARISATION_C3,
+            Entry::of(
+                "lag",
+                Scalar(""),
+                "/sweep/applied_lag/lag_s",
+                "/sweep/applied_lag/std_s",
+                "s",
+                "temperature of the sensor against that of the channel",
+            ),
+        ],
+        polynomials: &OF_TEMPERATURE,
+        valid_degc: VALID_DEGC,
+    });
     const MAY_LACK: &'static [&'static str] = MAY_LACK;
     fn file_name(&self) -> String {
         format!("THERMAL_PARAMETER__{}.TPF", self.head.first_run())

@@ -14,6 +14,7 @@ use polars::prelude::{
     PolarsError, SerReader, SerWriter,
 };
 use polars_arrow::io::ipc::read::{FileReader, read_file_metadata};
+use std::collections::HashSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
@@ -159,6 +160,10 @@ impl CsvRows {
             return Err(rows.refuse(path, &line, rule, remedy));
         }
         rows.header = String::from_utf8(line).map_err(|e| rows.refuse(path, e.as_bytes(), "is not UTF-8 text", "convert it"))?;
+        if let Some(twice) = named_twice(&rows.header) {
+            let rule = format!("names two columns `{twice}`, of which nobody knows which is meant");
+            return Err(rows.refuse(path, rows.header.trim_end().as_bytes(), &rule, "rename one of them, or take it out"));
+        }
         if !rows.header.ends_with('\n') {
             rows.header.push('\n');
         }
@@ -241,6 +246,17 @@ impl CsvRows {
         let frame = options.into_reader_with_file_handle(Cursor::new(text)).finish().map_err(|e| refuse(path, &e))?;
         Ok(Some(frame))
     }
+}
+
+/// The first name that stands twice in a header line.
+fn named_twice(header: &str) -> Option<String> {
+    let mut is_quoted = false;
+    let names = header.trim_end().split(|c: char| {
+        is_quoted ^= c == '"';
+        c == ',' && !is_quoted
+    });
+    let mut seen = HashSet::new();
+    names.map(|name| name.trim().trim_matches('"')).find(|name| !name.is_empty() && !seen.insert(*name)).map(str::to_owned)
 }
 
 /// Cells of a row; commas within quotes divide nothing.

@@ -50,6 +50,14 @@ pub enum CoilError {
     /// No such sensor.
     #[error("holds no run of sensor {0}")]
     NoSensor(String),
+    /// Several modes, which have sensitivities and offsets of their own.
+    #[error("holds runs of sensor {sensor} in several modes: {modes}")]
+    Modes {
+        /// The sensor.
+        sensor: String,
+        /// Its modes.
+        modes: String,
+    },
     /// Another failure of the fit.
     #[error("the fit failed: {0}")]
     Fit(#[from] FitError),
@@ -68,6 +76,7 @@ impl CoilError {
             CoilError::NoPairs => "apply the same magnitude with both signs on one axis and zero on the others",
             CoilError::Orientations(_) => "add runs of the same sensor turned by 90° about two axes",
             CoilError::Sensors(_) => "choose one with --sensor",
+            CoilError::Modes { .. } => "name the runs of one mode",
             CoilError::NoSensor(_) => "correct the name",
             CoilError::Fit(_) => "check the rows in the table of residuals",
         }

@@ -14,6 +14,7 @@ use crate::model::facility_calibration::{SensorValues, TiltFound, TiltOrientatio
 use crate::model::position::{Class, OrientedRun, Position};
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
 
 /// How sensor and facility are told apart.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -216,7 +217,13 @@ fn runs_of_sensor<'a>(
     if !others.is_empty() {
         notes.push(Note::new(NoteKind::LeftOut, format!("of another sensor than {chosen} and not used: {}", others.join(", "))));
     }
-    Ok(runs.iter().filter(|r| r.sensor == chosen).collect())
+    let own: Vec<&OrientedRun> = runs.iter().filter(|r| r.sensor == chosen).collect();
+    let modes: BTreeSet<&str> = own.iter().filter_map(|r| r.mode.as_deref()).collect();
+    if modes.len() > 1 {
+        let modes = modes.into_iter().collect::<Vec<_>>().join(", ");
+        return Err(CoilError::Modes { sensor: chosen.to_owned(), modes });
+    }
+    Ok(own)
 }
 
 /// The runs of one orientation.

@@ -30,6 +30,7 @@ impl Taken {
         instructions: &Instructions,
         notes: &mut Vec<Note>,
     ) -> Result<Self, OffsetError> {
+        notes.extend(known.untold());
         let file = &known.input.path;
         let (effects, left_out) = SingleReadings::of_these(known);
         for left in &left_out {

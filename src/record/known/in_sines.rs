@@ -48,6 +48,9 @@ impl InSines {
     /// What of a model acts on the sines of a run. What does not is warned about.
     #[must_use]
     pub fn new(known: &Known, run: &Run, responses: Responses, notes: &mut impl Extend<Note>) -> Self {
+        if responses == Responses::OfTheInstrument {
+            notes.extend(known.untold());
+        }
         let mut found = Self::default();
         for effect in &known.effects {
             if let Err(refusal) = found.add(effect, run, responses) {

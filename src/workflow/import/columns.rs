@@ -3,7 +3,7 @@
 use super::numbers::{celsius, scaled};
 use super::settings::{Fields, whole};
 use crate::data::error::{Finding, Severity};
-use crate::files::import::mapping::{ChannelKeys, Given, ReadingScale, RowsAre};
+use crate::files::import::mapping::{ChannelKeys, Given, ReadingScale, RowsAre, TemperatureUnit};
 use crate::files::import::{ForeignTable, Mapping, Times, time};
 
 /// A slow channel of the run.
@@ -131,11 +131,12 @@ fn slow(table: &ForeignTable, keys: &[ChannelKeys], findings: &mut Vec<Finding>)
     let mut list = Vec::new();
     for key in keys {
         let raw = table.numbers(&key.column)?;
-        let values: Vec<f64> = if key.kelvin { raw.into_iter().map(celsius).collect() } else { raw };
+        let values: Vec<f64> = raw.into_iter().map(|value| celsius(value, key.unit)).collect();
         list.push(Slow { name: key.name.clone(), values });
     }
     // Temperatures have a unit; other channels may be anything.
-    let temperatures = keys.iter().zip(&list).filter(|(key, _)| key.kelvin || key.name.starts_with('T'));
+    let temperatures =
+        keys.iter().zip(&list).filter(|(key, _)| key.unit != TemperatureUnit::Celsius || key.name.starts_with('T'));
     for (key, channel) in temperatures {
         if let Some(row) = channel.values.iter().position(|v| *v < -273.15) {
             let rule = "the temperature lies below absolute zero";
@@ -149,9 +150,9 @@ fn slow(table: &ForeignTable, keys: &[ChannelKeys], findings: &mut Vec<Finding>)
         // No sensor works at 230 °C or at -200 °C, and these are the other unit's usual temperatures.
         let middle =
             crate::fit::statistics::median(&mut channel.values.iter().copied().filter(|v| v.is_finite()).collect::<Vec<f64>>());
-        let other = if !key.kelvin && middle > 200.0 {
+        let other = if key.unit == TemperatureUnit::Celsius && middle > 200.0 {
             "K"
-        } else if key.kelvin && middle < -200.0 {
+        } else if key.unit == TemperatureUnit::Kelvin && middle < -200.0 {
             "degC"
         } else {
             continue;

@@ -1,5 +1,7 @@
 //! Numbers of other units, and how many decimals they need.
 
+use crate::files::import::mapping::TemperatureUnit;
+
 /// Decimals of a run file at most: then every number of some thousands is written to its last bit.
 const MOST_DECIMALS: usize = 13;
 
@@ -8,9 +10,14 @@ pub(super) fn scaled(value: f64, factor: f64) -> f64 {
     if factor == 1.0 || !value.is_finite() { value } else { fifteen_digits(value * factor) }
 }
 
-/// K to °C.
-pub(super) fn celsius(kelvin: f64) -> f64 {
-    if kelvin.is_finite() { ((kelvin - 273.15) * 1e9).round() / 1e9 } else { kelvin }
+/// A temperature in °C.
+pub(super) fn celsius(value: f64, unit: TemperatureUnit) -> f64 {
+    let degc = match unit {
+        TemperatureUnit::Celsius => return value,
+        TemperatureUnit::Kelvin => value - 273.15,
+        TemperatureUnit::Fahrenheit => (value - 32.0) / 1.8,
+    };
+    if degc.is_finite() { (degc * 1e9).round() / 1e9 } else { degc }
 }
 
 /// The number of fifteen digits nearest to a value.
@@ -48,7 +55,8 @@ mod tests {
         for (value, nt) in [(0.0123, 12.3), (1.234_567_8, 1234.5678), (-54.214_43, -54214.43)] {
             assert_eq!(scaled(value, 1000.0), nt);
         }
-        assert_eq!(celsius(295.65), 22.5);
+        assert_eq!(celsius(295.65, TemperatureUnit::Kelvin), 22.5);
+        assert_eq!(celsius(72.5, TemperatureUnit::Fahrenheit), 22.5);
         assert!(scaled(f64::NAN, 1000.0).is_nan());
     }
 

@@ -2,6 +2,7 @@
 
 use super::roles::{Roles, Triple, Unit};
 use super::{Contents, TimeFormat};
+use crate::files::import::mapping::TemperatureUnit;
 use crate::files::import::{Format, Separator};
 use crate::files::text::quoted;
 use std::fmt::Write;
@@ -220,14 +221,23 @@ fn channels(out: &mut String, roles: &Roles) {
             "T29" => "CHECK: T29 is taken for the temperature of the coil",
             _ => "",
         };
-        let text = if t.kelvin {
-            format!("{} = {{ column = {}, unit = \"K\" }}", t.channel, quoted(&t.column))
-        } else {
-            format!("{} = {}", t.channel, quoted(&t.column))
+        let unit = match t.unit {
+            TemperatureUnit::Celsius => None,
+            TemperatureUnit::Kelvin => Some("K"),
+            TemperatureUnit::Fahrenheit => Some("degF"),
         };
-        let size =
-            if t.kelvin { format!("{:.1} would be no usual temperature in degrees Celsius. ", t.middle) } else { String::new() };
-        line(out, &text, &format!("{size}{why}"));
+        let text = match unit {
+            Some(unit) => format!("{} = {{ column = {}, unit = \"{unit}\" }}", t.channel, quoted(&t.column)),
+            None => format!("{} = {}", t.channel, quoted(&t.column)),
+        };
+        let of_unit = match (t.unit_named, t.unit) {
+            (true, _) => String::new(),
+            (false, TemperatureUnit::Celsius) => {
+                format!("CHECK: no name tells the unit; {:.1} is taken for degrees Celsius. ", t.middle)
+            }
+            (false, _) => format!("{:.1} would be no usual temperature in degrees Celsius. ", t.middle),
+        };
+        line(out, &text, &format!("{of_unit}{why}"));
     }
     if !roles.channels.is_empty() {
         out.push_str("\n[channel]\n");

@@ -2,6 +2,7 @@
 
 use super::{Contents, Numeric};
 use crate::data::error::Finding;
+use crate::files::import::mapping::TemperatureUnit;
 use crate::fit::statistics::median;
 
 /// Three columns of x, y, z.
@@ -25,12 +26,16 @@ pub(super) enum Unit {
     Ampere([f64; 3]),
 }
 
-/// A temperature: name of the channel, column, whether it is K, its middle value.
+/// A temperature.
 #[derive(Clone, Debug)]
 pub(super) struct Temperature {
+    /// Name of the channel.
     pub channel: String,
     pub column: String,
-    pub kelvin: bool,
+    pub unit: TemperatureUnit,
+    /// Whether the name of the column tells the unit.
+    pub unit_named: bool,
+    /// The middle value, in that unit.
     pub middle: f64,
 }
 
@@ -330,7 +335,25 @@ fn is_temperature_name(name: &str) -> bool {
     let lower = name.to_lowercase();
     let words = ["temp", "degc", "°c", "pt100", "thermist", "kelvin"];
     let numbered = lower.strip_prefix('t').is_some_and(|rest| !rest.is_empty() && rest.bytes().all(|b| b.is_ascii_digit()));
-    words.iter().any(|w| lower.contains(w)) || numbered || lower.starts_with("t_")
+    // "T [K]"
+    let alone = name_words(&lower).first() == Some(&"t") && named_temperature_unit(name).is_some();
+    words.iter().any(|w| lower.contains(w)) || numbered || lower.starts_with("t_") || alone
+}
+
+/// The words of a name.
+fn name_words(name: &str) -> Vec<&str> {
+    name.split(|c: char| !(c.is_alphanumeric() || c == '°')).filter(|word| !word.is_empty()).collect()
+}
+
+/// The unit that the name of a temperature states.
+fn named_temperature_unit(name: &str) -> Option<TemperatureUnit> {
+    let last = name_words(name).last().copied()?.to_lowercase();
+    match last.as_str() {
+        "k" | "kelvin" => Some(TemperatureUnit::Kelvin),
+        "f" | "°f" | "degf" | "fahrenheit" => Some(TemperatureUnit::Fahrenheit),
+        "c" | "°c" | "degc" | "celsius" => Some(TemperatureUnit::Celsius),
+        _ => None,
+    }
 }
 
 fn temperatures(rest: &mut Vec<&Numeric>) -> Vec<Temperature> {
@@ -340,7 +363,12 @@ fn temperatures(rest: &mut Vec<&Numeric>) -> Vec<Temperature> {
         if !is_temperature_name(&column.name) || !(-200.0..450.0).contains(&middle) {
             return true;
         }
-        list.push(Temperature { channel: String::new(), column: column.name.clone(), kelvin: middle > 200.0, middle });
+        let named = named_temperature_unit(&column.name);
+        let by_size = if middle > 200.0 { TemperatureUnit::Kelvin } else { TemperatureUnit::Celsius };
+        // No sensor is at 200 °C, whatever the name says.
+        let stated = named.filter(|unit| *unit != TemperatureUnit::Celsius || by_size == TemperatureUnit::Celsius);
+        let (unit, unit_named) = (stated.unwrap_or(by_size), stated.is_some());
+        list.push(Temperature { channel: String::new(), column: column.name.clone(), unit, unit_named, middle });
         false
     });
     let alone = list.len() == 1;
