@@ -66,7 +66,7 @@ impl Course {
         self.field_nt.iter_mut().filter_map(|c| c.last_mut()).for_each(|sum| *sum /= count);
     }
 
-    fn vector(&self, row: usize) -> Vector3<f64> {
+    pub(super) fn vector(&self, row: usize) -> Vector3<f64> {
         Vector3::from_fn(|i, _| self.field_nt[i][row])
     }
 }

@@ -37,18 +37,32 @@ pub fn negative_v(count: f64) -> f64 {
     -5.0 + signed8(count) * 256.0 * 2.4996 / (1_048_575.0 * 27_400.0 / 127_424.0)
 }
 
-/// Of fewer readings nothing is said, and so of a smaller part of them that differ: the field turns within seconds when a boom moves.
+/// Of fewer readings nothing is said.
 const LEAST_READINGS: usize = 20;
-const LEAST_PART: f64 = 0.1;
+/// Two channels agree of which at most this part of the readings differ: the field turns within seconds when a boom moves.
+const MOST_APART: f64 = 0.1;
 
-/// Readings of the housekeeping that differ from those of the telemetry by more than `floor` and a part of these; how many, and by how much at
-/// most. `None` where they are few.
+/// Readings of the housekeeping that differ from those of the telemetry beside them by more than `floor` and a part of these; how many, and by how
+/// much at most. `None` where the two agree, or are too few to say it.
 #[must_use]
 pub fn differing(pairs: &[[f64; 2]], floor: f64, part: f64) -> Option<(usize, f64)> {
     let differences = pairs.iter().filter(|[own, telemetry]| (own - telemetry).abs() > floor + part * telemetry.abs());
     let (count, most) = differences.fold((0, 0.0_f64), |(n, most), [own, telemetry]| (n + 1, most.max((own - telemetry).abs())));
-    let is_enough = pairs.len() >= LEAST_READINGS && count as f64 >= LEAST_PART * pairs.len() as f64;
+    let is_enough = pairs.len() >= LEAST_READINGS && count as f64 >= MOST_APART * pairs.len() as f64;
     is_enough.then_some((count, most))
+}
+
+/// The factor by which all three components of the housekeeping are those of the telemetry; `None` without one.
+#[must_use]
+pub fn common_factor(pairs: &[Vec<[f64; 2]>], floor: f64, part: f64) -> Option<f64> {
+    let (products, squares) = pairs
+        .iter()
+        .flatten()
+        .fold((0.0, 0.0), |(products, squares), [own, telemetry]| (products + own * telemetry, squares + telemetry * telemetry));
+    let factor = products / squares;
+    let scaled = |list: &Vec<[f64; 2]>| list.iter().map(|[own, telemetry]| [*own, factor * telemetry]).collect::<Vec<_>>();
+    let is_large = pairs.iter().flatten().filter(|[own, _]| own.abs() > 2.0 * floor).count() >= LEAST_READINGS;
+    (is_large && pairs.iter().all(|list| differing(&scaled(list), floor, part).is_none())).then_some(factor)
 }
 
 #[cfg(test)]
@@ -76,5 +90,18 @@ mod tests {
         assert_eq!(differing(&pairs(3), 5.0, 0.05), None);
         assert_eq!(differing(&pairs(40), 10.0, 0.05), None);
         assert_eq!(differing(&pairs(40)[..19], 5.0, 0.05), None);
+    }
+
+    #[test]
+    fn a_factor_is_one_of_all_components() {
+        let pairs = |by: [f64; 3]| {
+            let one = |i: usize| {
+                (0..40).map(|k| [by[i] * f64::from(100 * (i as i32 + 1) + k % 3), f64::from(100 * (i as i32 + 1))]).collect()
+            };
+            [0, 1, 2].map(one)
+        };
+        let of = |by: [f64; 3]| common_factor(&pairs(by), 10.0, 0.05);
+        assert!((of([-1.0; 3]).unwrap() + 1.0).abs() < 0.02 && (of([10.0; 3]).unwrap() - 10.0).abs() < 0.2);
+        assert_eq!(of([0.57, 0.97, 0.61]), None);
     }
 }

@@ -20,6 +20,7 @@ pub mod means;
 pub mod offsets;
 pub mod rotate;
 pub mod screens;
+pub mod table_edges;
 pub mod temperature;
 pub mod two_sensors;
 pub mod wheels;

@@ -21,8 +21,10 @@ const LEAST_COUNTS: f64 = 20.0;
 const AGREE: f64 = 0.1;
 /// The time between vectors is taken over so many of them at once, since tags are rounded.
 const IN_ONE: usize = 16;
-/// Of fewer vectors of a mode it is not judged.
+/// Of fewer such vectors of a mode nothing is said.
 const LEAST_VECTORS: usize = 40;
+/// Vectors of a mode are never closer than this part of its step.
+const TOO_CLOSE: f64 = 0.8;
 /// It may differ by this part from the rate that the mode states: clocks run wrong by less than a thousandth.
 const OF_RATE: f64 = 5e-3;
 /// Every so many differences are enough to know their usual size.
@@ -63,16 +65,31 @@ pub fn cadences(blocks: &[Block], span: &Range<Tt2000>, modes: &[(&str, Option<f
         block.rows_in(span).for_each(|row| times[usize::from(block.mode[row])].push(block.time[row]));
     }
     let told = |(times, (sid, rate_hz)): (&Vec<Tt2000>, &(&str, Option<f64>))| {
-        let rate_hz = rate_hz.filter(|_| times.len() >= LEAST_VECTORS)?;
-        // Half of them lie in no gap.
+        let rate_hz = (*rate_hz)?;
         #[expect(clippy::cast_precision_loss, reason = "differences of times")]
-        let step_s = |pair: &[Tt2000]| (pair[IN_ONE] - pair[0]) as f64 / (IN_ONE as f64 * SECOND_NS as f64);
-        let step_s = median(&mut times.windows(IN_ONE + 1).map(step_s).collect::<Vec<f64>>());
-        ((step_s * rate_hz - 1.0).abs() > OF_RATE).then(|| {
-            format!(
-                "vectors of mode {sid} follow each other every {step_s:.4} s, and its rate has {:.4} s: their mode, and with it their time shift, \
-                 or their times are wrong",
+        let seconds = |ns: i64| ns as f64 / SECOND_NS as f64;
+        // Vectors one after the other, without gaps: rows of packets that are lost are no other cadence.
+        let step_s = |window: &[Tt2000]| {
+            let steps = || window.windows(2).map(|pair| pair[1] - pair[0]);
+            let (shortest, longest) = (steps().min()?, steps().max()?);
+            (2 * longest < 3 * shortest).then(|| seconds(window[IN_ONE] - window[0]) / IN_ONE as f64)
+        };
+        let is_other = |step_s: &f64| (step_s * rate_hz - 1.0).abs() > OF_RATE;
+        let mut others: Vec<f64> = times.windows(IN_ONE + 1).filter_map(step_s).filter(is_other).collect();
+        let close = times.windows(2).filter(|pair| seconds(pair[1] - pair[0]) * rate_hz < TOO_CLOSE).count();
+        if others.len() >= LEAST_VECTORS {
+            let step_s = median(&mut others);
+            return Some(format!(
+                "{} vectors of mode {sid} follow each other every {step_s:.4} s, and its rate has {:.4} s: their mode, and with it their time \
+                 shift, or their times are wrong",
+                others.len() + IN_ONE,
                 1.0 / rate_hz
+            ));
+        }
+        (close >= LEAST_VECTORS).then(|| {
+            format!(
+                "{close} vectors of mode {sid} come less than {TOO_CLOSE} of its step after the one before: packets have wrong times, or lie over \
+                 each other"
             )
         })
     };
@@ -227,21 +244,34 @@ mod tests {
     #[test]
     fn vectors_of_another_cadence_than_their_mode_are_told() {
         // 20 Hz with tags in whole milliseconds of a clock that is fast by 1e-4, 2 of 100 vectors lost, then 1 Hz, then few of 5 Hz.
-        let times = |cadence_s: f64| -> Block {
+        let times = |cadence_s: f64, back_ns: i64| -> Block {
             let fast = (0..2000).filter(|i| i % 50 != 3).map(|i| ((i as f64 * cadence_s * 1.0001 * 1e3).round() * 1e6) as i64);
+            let fast = fast.enumerate().map(|(i, time)| if i < 1000 { time } else { time - back_ns });
             let slow = (0..100).map(|i| (300 + i) * SECOND_NS);
             let few = (0..30).map(|i| 500 * SECOND_NS + i * SECOND_NS);
             let mode = [0].repeat(1960).into_iter().chain([1].repeat(100)).chain([2].repeat(30));
-            Block { time: fast.chain(slow).chain(few).collect(), mode: mode.collect(), ..Block::default() }
+            let mut time: Vec<i64> = fast.collect();
+            time.sort_unstable();
+            Block { time: time.into_iter().chain(slow).chain(few).collect(), mode: mode.collect(), ..Block::default() }
         };
-        let of = |cadence_s: f64, slow_hz: Option<f64>| {
+        let of = |block: Block, slow_hz: Option<f64>| {
             let modes = [("SID3", Some(20.0)), ("SID2", slow_hz), ("SID4", Some(5.0))];
-            cadences(&[times(cadence_s)], &(0..i64::MAX), &modes)
+            cadences(&[block], &(0..i64::MAX), &modes)
         };
-        assert!(of(0.05, Some(1.0)).is_empty() && of(0.05, None).is_empty());
-        let found = of(0.0505, Some(20.0));
-        assert!(found.len() == 2 && found[0].starts_with("vectors of mode SID3 follow each other every 0.0505 s"), "{found:?}");
-        assert!(found[1].contains("SID2 follow each other every 1.0000 s, and its rate has 0.0500 s"), "{found:?}");
+        assert!(of(times(0.05, 0), Some(1.0)).is_empty() && of(times(0.05, 0), None).is_empty());
+        let found = of(times(0.0505, 0), Some(20.0));
+        assert!(found.len() == 2 && found[0].contains("vectors of mode SID3 follow each other every 0.0505 s"), "{found:?}");
+        assert!(
+            found[1].contains("100 vectors of mode SID2 follow each other every 1.0000 s, and its rate has 0.0500 s"),
+            "{found:?}"
+        );
+        // The few of another mode among many.
+        let mut block = times(0.05, 0);
+        block.mode[1960..2060].fill(0);
+        assert!(of(block, Some(1.0))[0].starts_with("100 vectors of mode SID3 follow each other every 1.0000 s"));
+        // The clock was set back by 10.017 s in the middle.
+        let found = of(times(0.05, 10_017_000_000), Some(1.0));
+        assert!(found.len() == 1 && found[0].contains("vectors of mode SID3 come less than 0.8 of its step"), "{found:?}");
     }
 
     fn block(x: impl Fn(usize) -> f64, n: usize) -> Block {

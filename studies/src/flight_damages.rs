@@ -305,7 +305,12 @@ fn outcome(kind: Kind, damage: &str, whole: &Made, found: &Made) -> Outcome {
     }
     // A vector that has a new flag is told of; one that is gone is no wrong one.
     let mut worst: BTreeMap<bool, (f64, &str)> = BTreeMap::new();
-    for (key, before) in &whole.vectors {
+    let is_flagged = |key: &(String, i64, String, usize), before: &Vector| {
+        found.vectors.get(key).is_some_and(|after| after.flags & !before.flags != 0)
+    };
+    // What both sensors share is made of all vectors at once, also of those that are left of a day with flags.
+    let any_flag = whole.vectors.iter().any(|(key, before)| is_flagged(key, before));
+    for (key, before) in whole.vectors.iter().filter(|(key, _)| !(any_flag && key.0.starts_with('J'))) {
         let Some(after) = found.vectors.get(key) else { continue };
         let z = (0..3).map(|i| (after.field_nt[i] - before.field_nt[i]).abs() / after.std_nt[i].min(before.std_nt[i]));
         let z = z.filter(|z| z.is_finite()).fold(0.0, f64::max);
@@ -327,8 +332,19 @@ fn outcome(kind: Kind, damage: &str, whole: &Made, found: &Made) -> Outcome {
 }
 
 /// Why a damage cannot be seen in a kind of input.
-fn not_visible(_kind: Kind, _damage: &str) -> Option<&'static str> {
-    None
+fn not_visible(kind: Kind, damage: &str) -> Option<&'static str> {
+    const ATTITUDE: &str = "nothing else tells how the spacecraft stands: rows of the attitude are looked at against each other, and what the \
+                            table says of itself against the configuration";
+    let is_turn = ["first column reversed", "first two columns exchanged", "conjugated", "scalar last", "+ 20 min", "- 20 min"];
+    match (kind, damage) {
+        (Kind::Attitude, _) if is_turn.contains(&damage) => Some(ATTITUDE),
+        (Kind::Configuration, "scalar last stated" | "other direction of the attitude stated") => Some(ATTITUDE),
+        (Kind::Configuration, "shift of SID4 missing") => Some("nothing else tells the delay of a mode"),
+        (Kind::Configuration, "heater interval half an hour late") => {
+            Some("which steps of the field outside of the stated intervals are those of heaters is not known")
+        }
+        _ => None,
+    }
 }
 
 const HEAD: &str = "# Damaged flight inputs\n\n\

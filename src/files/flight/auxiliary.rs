@@ -413,4 +413,61 @@ mod tests {
         assert_eq!(last.km[7], [11.0; 3]);
         assert_eq!(*over(1, 2), *first);
     }
+
+    fn written(path: &Path, columns: &[(&str, Column<'_>)], rows: usize) {
+        let mut file = std::fs::File::create(path).unwrap();
+        let mut writer = LongWriter::new(&mut file, columns, Vec::new()).unwrap();
+        if rows > 0 {
+            writer.write(columns).unwrap();
+        }
+        writer.finish().unwrap();
+    }
+
+    #[test]
+    fn tables_whose_times_contradict_each_other_are_refused_with_the_row() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("wheels.parquet");
+        let leap = LeapSeconds::default();
+        let time: Vec<i64> = (0..3).map(|k| k * SECOND_NS).collect();
+        let rule = TimeRule { tolerance_ns: 1_000_000, ..TimeRule::default() };
+        for (late_ns, agrees) in [(900_000, true), (1_100_000, false)] {
+            let stamp = |(k, t): (usize, &i64)| leap.utc(*t).timestamp_ns() + if k == 1 { late_ns } else { 0 };
+            let utc: Vec<i64> = time.iter().enumerate().map(stamp).collect();
+            let columns = [
+                ("time_tt2000", Column::Whole(&time)),
+                ("time_utc", Column::Timestamps(&utc)),
+                ("w1_hz", Column::Numbers(&[20.0; 3])),
+            ];
+            written(&path, &columns, 3);
+            let opened = Timeline::<WheelRates>::open(&path, (), rule, &leap);
+            assert_eq!(opened.is_ok(), agrees, "{late_ns}");
+            if let Err(finding) = opened {
+                assert!(finding.to_string().contains("row 2: `time_tt2000` says"), "{finding}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_heater_is_on_once_at_a_time() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("heaters.parquet");
+        let (leap, classes) = (LeapSeconds::default(), ["h1".to_owned(), "h2".to_owned()]);
+        let of = |rows: &[(i64, i64, u8)]| {
+            let column = |of: fn(&(i64, i64, u8)) -> i64| rows.iter().map(of).collect::<Vec<i64>>();
+            let (from, to) = (column(|row| row.0 * SECOND_NS), column(|row| row.1 * SECOND_NS));
+            let codes: Vec<u8> = rows.iter().map(|row| row.2).collect();
+            let columns = [
+                ("from_tt2000", Column::Whole(&from)),
+                ("to_tt2000", Column::Whole(&to)),
+                ("cls", Column::Words(&codes, &classes)),
+            ];
+            written(&path, &columns, rows.len());
+            heater(&path, &classes, TimeRule::default(), &leap).map(|(list, _)| list.len()).map_err(|finding| finding.to_string())
+        };
+        // Two heaters at once, and one that is switched on when it is switched off.
+        assert_eq!(of(&[(20, 30, 0), (10, 20, 0), (15, 25, 1)]), Ok(3));
+        let told = of(&[(10, 20, 0), (15, 25, 1), (18, 22, 0)]).unwrap_err();
+        assert!(told.contains("row 3: the heater h1 is on in row 1 and in this one at the same time"), "{told}");
+        assert!(of(&[]).unwrap_err().contains("has no rows"));
+    }
 }

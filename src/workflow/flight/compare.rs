@@ -2,8 +2,13 @@
 
 use super::{Prepared, day_name};
 use crate::data::note::{Note, NoteKind};
+use crate::data::time::Tt2000;
+use crate::files::flight::mission::{OffsetFrame, Sensor};
 use crate::flight::comparison::{Course, Disagreement, compare};
-use std::collections::BTreeMap;
+use crate::flight::table_edges::{TableEdge, steps_at_edges};
+use nalgebra::Vector3;
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 /// Days before the last one whose other sensor may still come: two days are made at a time.
@@ -70,4 +75,32 @@ impl Courses {
     pub fn notes(&self) -> Vec<Note> {
         self.notes.lock().unwrap_or_else(PoisonError::into_inner).values().cloned().collect()
     }
+}
+
+/// Notes on steps of the field of a sensor in axes of the spacecraft where its boom states or its table of offsets change within a day.
+pub fn steps_of_tables(prepared: &Prepared, course: &Course, sensor: &Sensor, day: &Range<Tt2000>) -> Vec<String> {
+    let acts = |step: &str| prepared.mission.steps.iter().any(|own| own == step);
+    if !acts("rotate") {
+        return Vec::new();
+    }
+    let state = |time: Tt2000| sensor.rotations.iter().find(|state| state.span.holds(time)).map(|state| state.uvw_to_sc);
+    let jumps = || sensor.jumps.iter().filter(|jump| acts("offsets") && jump.frame == OffsetFrame::Sc && jump.range.is_none());
+    let offset = |time: Tt2000| jumps().find(|jump| jump.span.holds(time)).map(|jump| jump.subtract_nt);
+    let spans = sensor.rotations.iter().map(|state| state.span).chain(jumps().map(|jump| jump.span));
+    let times: BTreeSet<Tt2000> = spans.flat_map(|span| [span.from, span.to]).filter(|time| day.contains(time)).collect();
+    let edge = |time: Tt2000| -> Option<TableEdge> {
+        let (before, behind) = (state(time - 1)?, state(time)?);
+        // Beside a time that the table leaves out nothing is known, and vectors there have their flag.
+        let (taken_before, taken) = match (offset(time - 1), offset(time)) {
+            (None, None) => (Vector3::zeros(), Vector3::zeros()),
+            (own, next) => (own?, next?),
+        };
+        let what = if before == behind { "the table of offsets" } else { "the boom state" };
+        // Without the change the readings would be turned as before, and have the offset of before taken off.
+        let turn = before * behind.transpose();
+        let add_nt = turn * taken - taken_before;
+        (before != behind || add_nt != Vector3::zeros()).then_some(TableEdge { time, what, turn, add_nt })
+    };
+    let edges: Vec<TableEdge> = times.into_iter().filter_map(edge).collect();
+    steps_at_edges(course, &edges, &prepared.leap)
 }

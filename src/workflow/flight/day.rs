@@ -3,7 +3,7 @@
 use super::derived;
 use super::near::Near;
 use super::steps::{Steps, thermometer};
-use super::{Carry, Level, Prepared, day_name, housekeeping};
+use super::{Carry, Level, Prepared, compare, day_name, housekeeping};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
 use crate::data::provenance::Input;
@@ -145,8 +145,10 @@ impl<'a> Context<'a> {
         let through = |stage: Stage, blocks: &mut Vec<Block>| blocks.par_iter_mut().for_each(|b| steps.apply(stage, b));
         through(Stage::A, &mut blocks);
         self.hand_on(Level::A, Level::E, &blocks, &inputs, &mut made, sink)?;
-        if let Some(course) = &self.course {
-            course.replace(in_spacecraft(Course::of(&blocks, &day), &steps));
+        if let Some(place) = &self.course {
+            let course = in_spacecraft(Course::of(&blocks, &day), &steps);
+            made.notes.extend(compare::steps_of_tables(prepared, &course, sensor, &day));
+            place.replace(course);
         }
         if last == Stage::A {
             self.count(&blocks, &mut made);

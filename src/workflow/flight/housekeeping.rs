@@ -11,7 +11,7 @@ use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
 use crate::flight::Block;
 use crate::flight::assemble::RowCounts;
-use crate::flight::housekeeping::{differing, field_ent, negative_v, positive_v, reference_v};
+use crate::flight::housekeeping::{common_factor, differing, field_ent, negative_v, positive_v, reference_v};
 use crate::flight::made::DayMade;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -134,9 +134,9 @@ const THERMISTOR_COUNTS: f64 = 70.0;
 /// A vector belongs to a reading that is no further from it, ns.
 const BESIDE_NS: i64 = 2 * SECOND_NS;
 
-/// Notes on counts of a sensor of a day that its housekeeping has otherwise. There is none where it does not have them, or cannot be read, which
+/// A note on counts of a sensor of a day that its housekeeping has otherwise. There is none where it does not have them, or cannot be read, which
 /// the day of the housekeeping says.
-pub fn against_telemetry(prepared: &Prepared, index: usize, day: i32, blocks: &[Block]) -> Vec<String> {
+pub fn against_telemetry(prepared: &Prepared, index: usize, day: i32, blocks: &[Block]) -> Option<String> {
     let sensor = &prepared.mission.sensors[index];
     let name = sensor.name.to_lowercase();
     let thermistor = plain(&sensor.thermistor_column);
@@ -160,18 +160,25 @@ pub fn against_telemetry(prepared: &Prepared, index: usize, day: i32, blocks: &[
             }));
         }
     }
-    let mut notes = Vec::new();
-    for (k, column) in columns.iter().enumerate() {
+    let told = |(k, column): (usize, &String)| {
         let (floor, part, unit) = if k < 3 { (FIELD_ENT, FIELD_PART, "enT") } else { (THERMISTOR_COUNTS, 0.0, "counts") };
-        if let Some((count, most)) = differing(&pairs[k], floor, part) {
-            notes.push(format!(
-                "{count} of {} readings of `{column}` in the housekeeping differ from the telemetry beside them, by up to {most:.0} {unit}: \
-                 one of the two has other axes, another scale or other times",
-                pairs[k].len()
-            ));
-        }
+        let (count, most) = differing(&pairs[k], floor, part)?;
+        Some(format!("{count} of {} of `{column}` by up to {most:.0} {unit}", pairs[k].len()))
+    };
+    // Fields that have nothing to do with each other are no fault of one of them: another component agrees, or all have one factor.
+    let is_apart = |k: &usize| differing(&pairs[*k], FIELD_ENT, FIELD_PART).is_some();
+    let factor = common_factor(&pairs[..3], FIELD_ENT, FIELD_PART);
+    let is_same = (0..3).any(|k| !pairs[k].is_empty() && !is_apart(&k)) || factor.is_some();
+    let mut found: Vec<String> = columns.iter().enumerate().filter(|(k, _)| *k > 2 || is_same).filter_map(told).collect();
+    if let Some(factor) = factor.filter(|_| (0..3).all(|k| is_apart(&k))) {
+        found.push(format!("all three by a factor {factor:.3}"));
     }
-    notes
+    (!found.is_empty()).then(|| {
+        format!(
+            "readings of the housekeeping differ from the telemetry beside them, {}: one of the two has other axes, another scale or other times",
+            found.join(", ")
+        )
+    })
 }
 
 /// The vector that is nearest to a time, if it is near.

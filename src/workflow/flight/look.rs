@@ -3,7 +3,10 @@
 use super::day::Context;
 use super::{Carry, Level, Prepared, day_name, prepare};
 use crate::data::error::{Finding, Severity};
-use crate::data::note::Note;
+use crate::data::note::{Note, NoteKind};
+use crate::data::time::ns;
+use crate::files::flight::edited::plain;
+use crate::files::flight::mission::{Mission, Sensor};
 use crate::flight::made::DayMade;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -69,4 +72,35 @@ pub fn inspect(path: &Path, findings: &mut Vec<Finding>) -> Result<Vec<DayMade>,
     }
     days.sort_by(|a: &DayMade, b: &DayMade| (&a.day, &a.sensor).cmp(&(&b.day, &b.sensor)));
     Ok(days)
+}
+
+/// Notes on what a configuration states that is most likely a slip: a thermistor column that has the name of another sensor, a time shift that is
+/// longer than a packet of its mode.
+pub fn slips(mission: &Mission) -> Vec<Note> {
+    let name = |sensor: &Sensor| plain(&sensor.name);
+    let is_of = |column: &str, other: &Sensor| column.ends_with(&format!("_{}", name(other)));
+    let of_other = |sensor: &Sensor| {
+        let column = plain(&sensor.thermistor_column);
+        let other = mission.sensors.iter().find(|other| name(other) != name(sensor) && is_of(&column, other))?;
+        let text = format!(
+            "`thermistor_column` of {} is `{}`, which has the name of {}",
+            sensor.name, sensor.thermistor_column, other.name
+        );
+        let remedy = "name the thermistor of the sensor itself, unless it has none";
+        Some(Note::new(NoteKind::Temperature, text).about(&sensor.name).with_remedy(remedy))
+    };
+    let mut notes: Vec<Note> = mission.sensors.iter().filter_map(of_other).collect();
+    for mode in &mission.modes {
+        let shifts = mode.rates.iter().flatten().filter_map(|rate| rate.shift_ns);
+        if let Some(longest) = shifts.map(i64::abs).max().filter(|shift| *shift > ns(mode.packet_s)) {
+            let text = format!(
+                "a `shift_s` of mode {} is {:.2} s, longer than its packets of {} s",
+                mode.sid,
+                longest as f64 * 1e-9,
+                mode.packet_s
+            );
+            notes.push(Note::new(NoteKind::Method, text).about(&mode.sid).with_remedy("see that it is in seconds"));
+        }
+    }
+    notes
 }

@@ -224,7 +224,7 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
             table(input);
             read
         });
-    let notes = derived::turning_coupling(&mission.common).into_iter().collect();
+    let notes = derived::turning_coupling(&mission.common).into_iter().chain(look::slips(&mission)).collect();
     let catalogue = take(Catalogue::open(&mission), &mut wrong);
     let last = wrong.pop();
     findings.append(&mut wrong);
@@ -472,7 +472,7 @@ impl Flight {
     fn levels(&self, index: usize, day: i32) -> Result<Option<DayMade>, Finding> {
         let prepared = &self.prepared;
         let mut context = Context::new(prepared, &self.carry, index, day, &self.wanted);
-        context.course = self.compares().then(RefCell::default);
+        context.course = Level::B.lacks(prepared).is_none().then(RefCell::default);
         let uvw = prepared.ground[index].as_ref().map_or("sensor axes", |g| g.frame.as_str());
         let sensor = &prepared.mission.sensors[index].name;
         let writer = self.writer(sensor, uvw, day)?;
@@ -486,7 +486,7 @@ impl Flight {
         // Levels that were made stand under their names, whatever a later one says.
         writer.finish()?;
         let made = made?;
-        if let Some(course) = context.course.take() {
+        if let Some(course) = context.course.take().filter(|_| self.compares()) {
             self.courses.take(prepared, day, index, course.into_inner());
         }
         if let Some(made) = &made {
