@@ -12,8 +12,8 @@ const SIDE_NS: i64 = 60 * SECOND_NS;
 const LEAST_SECONDS: usize = 10;
 /// A step is one of the table that is so many times what the field usually changes between two such means,
 const OUTSTANDING: f64 = 8.0;
-/// and so many times the step without the change of the table.
-const MORE: f64 = 2.0;
+/// and so many times the step without the change of the table: an offset of the wrong sign makes twice the step.
+const MORE: f64 = 1.5;
 /// Pairs of means that say what is usual.
 const LEAST_PAIRS: usize = 10;
 

@@ -89,8 +89,9 @@ struct Vector {
     flags: u32,
 }
 
-/// Vectors by level and sensor, time and mode; of equal ones, by their number.
-type Vectors = HashMap<(String, i64, String, usize), Vector>;
+/// Level and sensor, time and mode of a vector; of equal ones, the number.
+type Key = (String, i64, String, usize);
+type Vectors = HashMap<Key, Vector>;
 
 /// What became of a mission.
 struct Made {
@@ -305,9 +306,7 @@ fn outcome(kind: Kind, damage: &str, whole: &Made, found: &Made) -> Outcome {
     }
     // A vector that has a new flag is told of; one that is gone is no wrong one.
     let mut worst: BTreeMap<bool, (f64, &str)> = BTreeMap::new();
-    let is_flagged = |key: &(String, i64, String, usize), before: &Vector| {
-        found.vectors.get(key).is_some_and(|after| after.flags & !before.flags != 0)
-    };
+    let is_flagged = |key: &Key, before: &Vector| found.vectors.get(key).is_some_and(|after| after.flags & !before.flags != 0);
     // What both sensors share is made of all vectors at once, also of those that are left of a day with flags.
     let any_flag = whole.vectors.iter().any(|(key, before)| is_flagged(key, before));
     for (key, before) in whole.vectors.iter().filter(|(key, _)| !(any_flag && key.0.starts_with('J'))) {

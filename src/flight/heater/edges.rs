@@ -213,11 +213,13 @@ impl Normal {
 
     /// What the class vectors explain of the sum of squares of the innovations, each in units of its variance.
     pub fn explained(&self) -> f64 {
-        let vectors = self.solve();
-        let of = |(heater, vector): (usize, &Option<(Vector3<f64>, Vector3<f64>)>)| {
-            vector.map_or(0.0, |(vector, _)| vector.dot(&self.right.fixed_rows::<3>(3 * heater)))
-        };
-        vectors.iter().enumerate().map(of).sum()
+        let mut sum = 0.0;
+        for (heater, solved) in self.solve().into_iter().enumerate() {
+            if let Some((vector, _)) = solved {
+                sum += vector.dot(&self.right.fixed_rows::<3>(3 * heater));
+            }
+        }
+        sum
     }
 
     /// The class vectors and their standard deviations; `None` for heaters without edges.

@@ -216,8 +216,9 @@ pub fn off_level(series: &[(f64, f64)], jumps: &[(f64, f64)]) -> Vec<(f64, Optio
         .filter(|(dt_s, by_k)| follows(*dt_s) && by_k.abs() < change_k)
         .fold((0.0, 0.0), |(time_s, moved_k), (dt_s, by_k)| (time_s + dt_s, moved_k + by_k.abs()));
     let rate = if time_s > 0.0 { moved_k / time_s } else { 0.0 };
-    // Level and first reading of every stretch, and the readings on every level.
-    let (mut levels, mut stretches): (Vec<(f64, usize)>, Vec<(usize, usize)>) = (vec![(0.0, 1)], vec![(0, 0)]);
+    // The levels with the readings on each, and level and first reading of every stretch.
+    let mut levels: Vec<(f64, usize)> = vec![(0.0, 1)];
+    let mut stretches: Vec<(usize, usize)> = vec![(0, 0)];
     let mut level = 0;
     for (at, (dt_s, by_k)) in steps().enumerate() {
         let most_k = if follows(dt_s) { change_k } else { change_k.max(COURSE * rate * dt_s) };

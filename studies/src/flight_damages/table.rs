@@ -43,6 +43,9 @@ impl Values {
     }
 }
 
+/// Words of a column as codes, and the words.
+type Coded = (Vec<u8>, Vec<String>);
+
 /// A table.
 #[derive(Clone, PartialEq)]
 pub struct Table {
@@ -115,7 +118,7 @@ impl Table {
     /// # Errors
     /// It cannot be written.
     pub fn parquet(&self) -> Result<Vec<u8>, Box<dyn Error>> {
-        let coded: Vec<Option<(Vec<u8>, Vec<String>)>> = self
+        let coded: Vec<Option<Coded>> = self
             .columns
             .iter()
             .map(|(_, values)| {
