@@ -2,6 +2,7 @@
 
 use super::Fitted;
 use crate::fit::linear::Solution;
+use crate::fit::statistics::median;
 use nalgebra::{DMatrix, DVector};
 
 /// Fewest rows of which it is asked.
@@ -10,6 +11,8 @@ const LEAST_ROWS: usize = 20;
 /// variance that matters.
 const CLEAR: f64 = 20.0;
 const LEAST_RATIO: f64 = 1.2;
+/// Samples of a row that scatter so many times the usual variance do so by no chance: that of ten samples is as large once in 25 000 rows.
+const FAR_VARIANCE: f64 = 4.0;
 /// Smallest variance as a part of the mean one.
 const LEAST: f64 = 0.05;
 /// Rows that tell themselves whether their scatter grows with the reading: a quarter of them are large.
@@ -93,7 +96,11 @@ pub(super) fn by_rows(
         -0.5 * ((0..spread.len()).map(|i| free(i).ln()).sum::<f64>() + n * (squares / n).ln())
     };
     let by_counts = of_rows(&|i| 1.0 / counts[i]);
-    let by_scatter = variances.and_then(|v| of_rows(&|i| v[i] / counts[i]));
+    let usual = variances.map(|v| median(&mut solution.kept.iter().map(|i| v[*i]).collect::<Vec<f64>>()));
+    let by_scatter = variances
+        .zip(usual)
+        .filter(|(v, usual)| solution.kept.iter().any(|i| v[*i] > FAR_VARIANCE * usual))
+        .and_then(|(v, _)| of_rows(&|i| v[i] / counts[i]));
     let alike = likelihood(&fitted.by_weights);
     let found = by_counts.into_iter().chain(by_scatter).map(|spread| (likelihood(&spread), spread));
     let best = found.filter(|(value, _)| *value > alike).max_by(|a, b| a.0.total_cmp(&b.0))?;

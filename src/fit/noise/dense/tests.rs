@@ -546,3 +546,31 @@ fn rows_of_few_samples_are_noisier_unless_all_scatter_alike() {
     assert!((by_samples / 4.0 - 1.0).abs() < 0.1, "{by_samples}");
     assert!((alike - 1.0).abs() < 0.1, "{alike}");
 }
+
+/// Every fifth row has samples that scatter ten times as much: a column of these 8 rows is known to 10/√8, one of the 32 others to 1/√32.
+#[test]
+fn rows_whose_samples_scatter_more_are_noisier() {
+    let n = 40;
+    let variance = |i: usize| if i.is_multiple_of(5) { 100.0 } else { 1.0 };
+    let counts = vec![16.0; n];
+    let intervals: Vec<[f64; 2]> = (0..n).map(|i| [i as f64, i as f64 + 0.9]).collect();
+    let columns = DMatrix::from_fn(n, 3, |i, j| match j {
+        2 => 1.0,
+        _ if i.is_multiple_of(5) == (j == 0) => [1.0, -1.0][i % 2],
+        _ => 0.0,
+    });
+    // A fifth of the samples has the variance 100, the others 1.
+    let octaves = [Octave { length: 0.1, count: 1000.0, white: 0.5, squares: vec![500.0 * 20.8] }];
+    let (variances, readings) = (DMatrix::from_fn(n, 1, |i, _| variance(i)), DMatrix::from_element(n, 1, 1.0));
+    let mut random = Random(362_436_069);
+    let ratios = (0..50).map(|_| {
+        let rhs = DMatrix::from_fn(n, 1, |i, _| random.gaussian() * f64::sqrt(variance(i) / counts[i]));
+        let fit = solve(&design(columns.clone()), &rhs, None, &Limits::default()).unwrap();
+        let scatter = Some([&variances, &readings]);
+        let noise = estimate_with(&fit, &Sampled { scatter, ..sampled(&intervals, &counts, &octaves) }).unwrap();
+        let std = noise.covariance().diagonal().map(f64::sqrt);
+        std[0] / std[1]
+    });
+    let ratio = ratios.sum::<f64>() / 50.0;
+    assert!((ratio / 20.0 - 1.0).abs() < 0.1, "{ratio}");
+}
