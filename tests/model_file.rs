@@ -173,7 +173,7 @@ fn a_model_of_another_sensor_or_mode_is_refused() {
     };
     for of in [["another", mode.as_str()], [sensor.as_str(), "another"]] {
         let output = with(Some(of));
-        assert_eq!(output.status.code(), Some(2));
+        assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
         says(&text(&output.stderr), &["model.toml holds effects of", "another", "name the model of this sensor and mode"]);
     }
     let output = with(Some([&sensor, &mode]));
