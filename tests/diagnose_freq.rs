@@ -5,6 +5,7 @@ use crate::common;
 
 use common::check::{Case, calfit, text};
 use std::fs;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
 fn data(name: &str) -> PathBuf {
@@ -37,6 +38,40 @@ fn the_cases_give_what_is_hidden_in_them() {
             let words = format!("{} Hz: {} samples missing", block[0].as_f64().unwrap(), block[1]);
             assert!(place.contains(&words), "{words} is not in {place}");
         }
+    }
+}
+
+/// A run whose axes see the field with other signs, as a sensor that is turned over does.
+fn turned_over(ccr: &str, signs: [bool; 3]) -> String {
+    let (head, vectors) = ccr.split_once("@VECTORS\nn,t,x,y,z\n").unwrap();
+    let turned = |line: &str| {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        for (cell, _) in cells.iter_mut().skip(2).zip(signs).filter(|(_, turned)| *turned) {
+            *cell = cell.strip_prefix('-').map_or_else(|| format!("-{cell}"), str::to_owned);
+        }
+        cells.join(",")
+    };
+    let lines: Vec<String> = vectors.lines().map(turned).collect();
+    format!("{head}@VECTORS\nn,t,x,y,z\n{}\n", lines.join("\n"))
+}
+
+/// The sign with which an axis sees the field is no response: whatever it is, the run says the same.
+#[test]
+fn an_axis_may_see_the_field_with_either_sign() {
+    let mut ccr = String::new();
+    flate2::read::GzDecoder::new(fs::read(data("cases/26-05-07.CCR.gz")).unwrap().as_slice()).read_to_string(&mut ccr).unwrap();
+    let response = |signs: [bool; 3]| {
+        let case = Case::of(turned_over(&ccr, signs));
+        let output = case.run("diagnose", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let json = fs::read_to_string(case.out().join("26-05-07_10-00-00/diagnosis.json")).unwrap();
+        let made: serde_json::Value = serde_json::from_str(&json).unwrap();
+        assert_eq!(made["verdict"], "no missing effect", "{signs:?}: {}", made["verdict"]);
+        made["response"].as_str().unwrap().to_owned()
+    };
+    let upright = response([false; 3]);
+    for signs in [[true, false, false], [false, false, true], [true; 3]] {
+        assert_eq!(response(signs), upright, "{signs:?}");
     }
 }
 

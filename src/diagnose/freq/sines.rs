@@ -17,6 +17,9 @@ const LEAST_RATIO: f64 = 10.0;
 /// Phases refer to the begins of the settings if so many of them agree with the response to within so much, rad.
 const AGREEING: f64 = 0.8;
 const AGREES_RAD: f64 = 0.4;
+/// Settings of the lowest frequencies that show which axes see the field with the opposite sign: a part of all, and at least so many.
+const LOWEST_PART: usize = 4;
+const LEAST_LOWEST: usize = 3;
 /// An uncertainty of the time of the counter from which it is a parameter, s: a sine of 100 Hz turns by 6e-6 rad.
 const LEAST_ROUNDING_S: f64 = 1e-8;
 
@@ -25,7 +28,7 @@ const LEAST_ROUNDING_S: f64 = 1e-8;
 pub struct Tone {
     /// Logarithm of the amplitude, enT.
     pub log_amplitude: f64,
-    /// Phase, rad.
+    /// Phase, rad; of an axis that sees the field with the opposite sign, half a turn on.
     pub phase_rad: f64,
     /// Change of the phase beside the sampling frequency of [`SineRun::rate_hz`], rad/s.
     pub slope_rad_per_s: f64,
@@ -123,6 +126,8 @@ impl Sines {
         if list.len() < LEAST_SINES {
             return Err(DiagnoseError::FewSines { found: list.len(), needed: LEAST_SINES });
         }
+        let opposite = opposite(&list);
+        turn(&mut list, opposite);
         let length_s = samples.t_s.last().copied().unwrap_or(1.0);
         let setting = |sine: &SineOf| SineSetting { frequency_hz: sine.setting.frequency_hz, middle_s: sine.middle_s + zero_s };
         let run = SineRun {
@@ -176,13 +181,40 @@ impl Sines {
         self.whiten(|j, i| all[j][i])
     }
 
-    /// Whether the phases of the field are those of sines that begin with their settings, by a response.
+    /// Whether the phases of the field are those of sines that begin with their settings, by a response: upright, or of opposite sign on all
+    /// axes, which are turned then.
     pub fn see_begins(&mut self, predicted: impl Fn(usize, usize) -> Triple) {
-        let agree = |j: usize| -> bool {
-            (0..3).all(|i| wrapped(self.list[j].tones[i].phase_rad - predicted(j, i)[1]).abs() < AGREES_RAD)
+        let agree = |j: usize, by: f64| -> bool {
+            (0..3).all(|i| wrapped(self.list[j].tones[i].phase_rad + by - predicted(j, i)[1]).abs() < AGREES_RAD)
         };
-        let agreeing = (0..self.list.len()).filter(|j| agree(*j)).count();
-        self.run.begins_known = agreeing as f64 >= AGREEING * self.list.len() as f64;
+        let is_seen = |by: f64| {
+            let agreeing = (0..self.list.len()).filter(|j| agree(*j, by)).count();
+            agreeing as f64 >= AGREEING * self.list.len() as f64
+        };
+        let is_opposite = is_seen(PI);
+        self.run.begins_known = is_opposite || is_seen(0.0);
+        if is_opposite {
+            turn(&mut self.list, [true; 3]);
+        }
+    }
+}
+
+/// The axes that see the field with another sign than x does: at the lowest frequencies no response turns a phase by much, so that what lies
+/// near half a turn there is the sign.
+fn opposite(list: &[SineOf]) -> [bool; 3] {
+    let mut order: Vec<&SineOf> = list.iter().collect();
+    order.sort_by(|a, b| a.setting.frequency_hz.total_cmp(&b.setting.frequency_hz));
+    let lowest = &order[..(list.len() / LOWEST_PART).max(LEAST_LOWEST).min(list.len())];
+    let along = |i: usize| lowest.iter().map(|s| (s.tones[i].phase_rad - s.tones[0].phase_rad).cos()).sum::<f64>();
+    std::array::from_fn(|i| along(i) < 0.0)
+}
+
+/// Turns the phases of axes by half a turn.
+fn turn(list: &mut [SineOf], axes: [bool; 3]) {
+    for sine in list {
+        for (tone, _) in sine.tones.iter_mut().zip(axes).filter(|(_, turned)| *turned) {
+            tone.phase_rad = wrapped(tone.phase_rad + PI);
+        }
     }
 }
 
