@@ -130,6 +130,31 @@ fn tones_and_switched_currents_are_told_apart_at_every_frequency() {
     }
 }
 
+/// A heater current on x in 1500 s of zero field: what has no settings is cut at no multiple of its period.
+#[test]
+fn a_heater_in_zero_field_has_its_period_and_its_size() {
+    for (period_s, duty) in [(7.3, 0.25), (22.0, 0.5), (23.7, 0.4)] {
+        let plan = Plan {
+            settings: vec![Setting::constant(0.0, 1500.0, [0.0; 3], 1)],
+            rate_hz: 16.0,
+            noise_ent: 0.1,
+            ..Plan::default()
+        };
+        let mut run = plan.run().key("kind", "\"zero-field\"").without_section("@FIELDS");
+        for sample in &mut run.samples {
+            sample.reading[0] += if (sample.t / period_s).fract() < duty { 0.2 } else { 0.0 };
+        }
+        let found = diagnosed(&run);
+        assert_eq!(named(&found), ["heater_pwm"], "{period_s} s");
+        let step = &found["steps"][0];
+        for (name, truth) in [("period", period_s), ("a_x", 0.2)] {
+            let [said, std] = parameter(step, name);
+            // Of equal halves either is on.
+            assert!((said.abs() - truth).abs() < 4.0 * std, "{period_s} s: {name} {said} +- {std}");
+        }
+    }
+}
+
 /// The first sample after an edge is a third on its way; three samples are another matter.
 #[test]
 fn a_sample_on_the_edge_is_no_displacement() {

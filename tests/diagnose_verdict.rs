@@ -48,7 +48,11 @@ struct Said {
 
 impl Said {
     fn of(run: &Run) -> Self {
-        let case = Case::of(run.text());
+        Self::of_text(run.text())
+    }
+
+    fn of_text(ccr: String) -> Self {
+        let case = Case::of(ccr);
         let output = case.run("diagnose", &["--no-plots"]);
         assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
         let read = |name: &str| fs::read_to_string(case.out().join(RUN_ID).join(name)).unwrap();
@@ -105,6 +109,43 @@ fn scatter_between_the_plateaus_is_told() {
     assert!((times / 10.0_f64.sqrt() - 1.0).abs() < 0.36, "{times}");
     assert!((rms_nt / (times * MEAN_ENT) - 1.0).abs() < 0.2, "{rms_nt}");
     says(left["where"].as_str().unwrap(), &["no covariate"]);
+}
+
+/// A run as means of its settings with standard deviations and numbers of their samples.
+fn means(run: &Run) -> String {
+    let (head, _) = run.text().split_once("@FIELDS").map(|(head, rest)| (head.to_owned(), rest.to_owned())).unwrap();
+    let mut ccr = format!("{head}@BLOCKS\nt_start,t_end,bx,by,bz,position,x,y,z,sx,sy,sz,count\n");
+    for (i, setting) in run.settings.iter().enumerate() {
+        let own: Vec<[f64; 3]> = run.samples_of(i).map(|k| run.samples[k].reading).collect();
+        let mean = [0, 1, 2].map(|a: usize| own.iter().map(|r| r[a]).sum::<f64>() / own.len() as f64);
+        let squares = |a: usize| own.iter().map(|r| (r[a] - mean[a]).powi(2)).sum::<f64>();
+        let std = [0, 1, 2].map(|a| (squares(a) / (own.len() - 1) as f64).sqrt());
+        let list = |values: [f64; 3]| values.map(|v| format!("{v:.5}")).join(",");
+        ccr += &format!(
+            "{:.3},{:.3},{},1,{},{},{}\n",
+            setting.t_start,
+            setting.t_end,
+            setting.field.map(|b| format!("{b:.2}")).join(","),
+            list(mean),
+            list(std),
+            own.len()
+        );
+    }
+    ccr + "@END\n"
+}
+
+/// A file of means states how its samples scatter: white noise leaves nothing; errors of the settings that are three times as large do, here
+/// too.
+#[test]
+fn scatter_of_means_is_compared_with_that_of_the_samples_they_state() {
+    let said = Said::of_text(means(&run(1, |_, _| [0.0; 3])));
+    said.verdict("none");
+    let mut gauss = Gauss(17);
+    let errors: Vec<[f64; 3]> = (0..SETTINGS).map(|_| [0, 1, 2].map(|_| 3.0 * MEAN_ENT * gauss.normal())).collect();
+    let said = Said::of_text(means(&run(2, |i, _| errors[i])));
+    says(said.verdict("undecided"), &["the plateau means scatter by", "of the samples inside them"]);
+    let times = said.diagnosis["left"]["times_noise"].as_f64().unwrap();
+    assert!((times / 10.0_f64.sqrt() - 1.0).abs() < 0.36, "{times}");
 }
 
 /// A random walk with steps of three times the noise of a mean reaches thirty times that within the run: a drift or slow noise.

@@ -1,12 +1,13 @@
 //! What the search in means found, of a run or of a flight, as a diagnosis: steps with what is drawn of them, what is left, limits, notes.
 
 use super::candidate::Candidate;
+use super::left::{self, Rest};
 use super::limits::{hidden_drifts, limits};
 use super::means::{Means, MeansModel, Term};
 use super::problem::{self, Outcome};
 use super::result::{Diagnosis, Evidence, Map, Pictures, Step, VerdictKind};
 use super::steps::{joined, sufficient};
-use super::{left, where_map, words};
+use super::{where_map, words};
 use crate::data::note::Note;
 use crate::model::effects::{Catalogue, Row};
 use nalgebra::DMatrix;
@@ -41,10 +42,10 @@ impl Searched<'_> {
         let Searched { means, outcome, mut pictures, mut notes, .. } = self;
         let all = means.all(&outcome.terms);
         let before = self.steps.len();
-        let (steps, maps, places) = steps_of_all(means, outcome, self.steps, &mut pictures);
+        let Rest { left, open } = left::left(means, &outcome.fit, &all);
+        let (steps, maps, places) = steps_of_all(means, outcome, self.steps, &mut pictures, open);
         let numbers: Vec<usize> = places.iter().map(|place| place + 1).collect();
         let gap_chain = left::chain(means, &outcome.fit, &all, &numbers[before..], numbers[..before].to_vec());
-        let left = left::left(means, &outcome.fit, &all);
         let noise_floor_nt = noise_floor_nt(means, &outcome.fit, &all);
         pictures.scale = means.prepared.record.scale;
         pictures.left = quiet_maps(means, &outcome.fit, &all, noise_floor_nt);
@@ -81,12 +82,14 @@ impl Searched<'_> {
     }
 }
 
-/// The steps so far and those of the means, one per effect, with their maps, and where each went; their evidence goes to the pictures.
+/// The steps so far and those of the means, one per effect, with their maps, and where each went; their evidence goes to the pictures. On `open`
+/// axes the gap is not closed.
 fn steps_of_all(
     means: &Means,
     outcome: &Outcome<Term, MeansModel>,
     mut steps: Vec<Step>,
     pictures: &mut Pictures,
+    open: [bool; 3],
 ) -> (Vec<Step>, Vec<Map>, Vec<usize>) {
     let (of_means, maps, evidence) = problem::steps(means, outcome, steps.len());
     steps.extend(of_means);
@@ -97,7 +100,7 @@ fn steps_of_all(
     let maps = maps.into_iter().filter_map(|m| Some(Map { step: place(m.step)?, ..m })).collect();
     let evidence = std::mem::take(&mut pictures.evidence);
     pictures.evidence = evidence.into_iter().filter_map(|e| Some(Evidence { step: place(e.step)?, ..e })).collect();
-    sufficient(&mut steps);
+    sufficient(&mut steps, &means.prepared.record, open);
     (steps, maps, places.iter().map(|p| p.step).collect())
 }
 

@@ -78,6 +78,7 @@ fn prepared(of: &Difference) -> PreparedRun {
         design: DMatrix::from_element(n, 1, 1.0),
         white: of.pairs.iter().map(|pairs| [1.0 / *pairs as f64 / mean; 3]).collect(),
         inside: None,
+        scatter: None,
         nt_per_ent: [1.0; 3],
         windows: Vec::new(),
         displacement: None,

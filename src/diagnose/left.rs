@@ -1,9 +1,10 @@
 //! What is left beside the final model, and the chain of gaps that leads there.
 
 use super::candidate::Candidate;
-use super::means::{HeldOut, Means, MeansModel};
+use super::means::{HeldOut, Means, MeansModel, Residuals};
 use super::result::{Left, LeftLike, Link};
 use crate::data::units::COMPONENTS;
+use crate::fit::noise::state_space::Inside;
 use crate::fit::scan::orthonormal;
 use crate::fit::statistics::fisher_tail;
 use crate::model::effects::{Covariate, Spec, TIME, UNKNOWN};
@@ -23,32 +24,57 @@ const CLEAR: f64 = 5.0;
 const FORGOTTEN_ROWS: f64 = 1.0;
 const FLAT: f64 = 0.5;
 
+/// What is left in the end, and on which axes it is no noise of any kind.
+pub(super) struct Rest {
+    /// Where most of it is; `None` where nothing is left.
+    pub left: Option<Left>,
+    /// Axes on which the readings scatter more than the samples inside them let expect, where no slow noise accounts for it: whatever was
+    /// named there did not close the gap.
+    pub open: [bool; 3],
+}
+
 /// What is left that is more than the noise of the readings.
-pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Option<Left> {
+pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Rest {
     let noise = &model.noise.parameters;
+    let prepared = means.prepared;
     let residuals = means.residuals(all);
-    let white_ent = means.white_std(model);
     let is_gain = noise.slow_field > noise.slow;
+    let is_slow = noise.slow + noise.slow_field > 0.0;
+    let is_flat = if noise.memory_rows > 0.0 { noise.memory_rows <= FORGOTTEN_ROWS } else { noise.exponent <= FLAT };
+    // Means that follow each other may be slow noise, of which the scatter of the samples around their means says nothing.
+    let stated = prepared.scatter.filter(|_| !is_slow || is_flat);
+    let is_scatter = stated.is_some() || (prepared.inside.is_some() && (noise.apart || (is_slow && is_flat)));
+    let white_ent = match stated {
+        Some(stated) => std::array::from_fn(|a| (stated.variance[a] * mean_white(means, a)).sqrt()),
+        None => means.white_std(model),
+    };
+    let of_samples = prepared.inside.or(stated);
     let times: [f64; 3] = std::array::from_fn(|a| {
         let seen = residuals[a].rms() / white_ent[a].max(f64::MIN_POSITIVE);
         // Noise of the gain is largest at the largest reading, where a calibration needs it, and few settings are there.
-        if is_gain { seen.max((1.0 + noise.slow + noise.slow_field).sqrt()) } else { seen }
+        if is_gain && !is_scatter { seen.max(at_largest(means, &residuals[a], white_ent[a], a)) } else { seen }
     });
     let axis = (0..3).max_by(|a, b| times[*a].total_cmp(&times[*b])).unwrap_or(0);
-    let is_slow = noise.slow + noise.slow_field > 0.0;
-    let is_flat = if noise.memory_rows > 0.0 { noise.memory_rows <= FORGOTTEN_ROWS } else { noise.exponent <= FLAT };
-    let is_scatter = means.prepared.inside.is_some() && (noise.apart || (is_slow && is_flat));
-    let is_clear = match means.prepared.inside {
-        Some(inside) if !is_gain => fisher_tail(times[axis].powi(2), [residuals[axis].freedom, inside.freedom]) < FALSE_ALARM,
+    let is_more = |a: usize, inside: Inside| fisher_tail(times[a].powi(2), [residuals[a].freedom, inside.freedom]) < FALSE_ALARM;
+    let open = std::array::from_fn(|a| {
+        let beside = of_samples.filter(|_| is_scatter || !is_slow);
+        let least = if prepared.inside.is_some() && !is_slow && !noise.apart { 1.0 } else { SCATTER };
+        beside.is_some_and(|inside| times[a] >= least && is_more(a, inside))
+    });
+    let is_clear = match of_samples {
+        Some(inside) if !is_gain => is_more(axis, inside),
+        // Nothing tells how much of a scatter without memory is white.
+        None if is_flat => false,
         _ => is_slow && means.slow_over_white(model, all) > CLEAR,
     };
     let least = match (is_scatter, is_slow) {
-        (true, false) => SCATTER,
+        _ if stated.is_some() => NEARLY_WHITE,
+        (_, false) => SCATTER,
         (true, true) => NEARLY_WHITE,
-        (false, _) => SLOW,
+        (false, true) => SLOW,
     };
     if !is_clear || times[axis] < least {
-        return None;
+        return Rest { left: None, open };
     }
     let (like, along) = if is_scatter {
         (LeftLike::Scatter, follows(means, axis, &residuals[axis].ent))
@@ -59,8 +85,31 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Opt
     } else {
         (LeftLike::Disagreement, follows(means, axis, &residuals[axis].ent))
     };
-    let rms_nt = times[axis] * white_ent[axis] * means.prepared.nt_per_ent[axis];
-    Some(Left { place: format!("{}, {along}", COMPONENTS[axis]), rms_nt, times_noise: times[axis], like })
+    let rms_nt = times[axis] * white_ent[axis] * prepared.nt_per_ent[axis];
+    let place = format!("{}, {along}", COMPONENTS[axis]);
+    Rest { left: Some(Left { place, rms_nt, times_noise: times[axis], like }), open }
+}
+
+/// Mean white variance of the rows over that of the usual one.
+fn mean_white(means: &Means, axis: usize) -> f64 {
+    let white = &means.prepared.white;
+    white.iter().map(|w| w[axis]).sum::<f64>() / white.len() as f64
+}
+
+/// What is left of an axis at its largest reading, in multiples of the white noise, where it grows with the reading.
+fn at_largest(means: &Means, residuals: &Residuals, white_ent: f64, axis: usize) -> f64 {
+    let record = &means.prepared.record;
+    let most_ent = record.most_ent(axis).max(f64::MIN_POSITIVE);
+    // Least squares with the squares of the reading: of what is left the fit took a part.
+    let kept = residuals.ent.len() as f64 / residuals.freedom;
+    let (mut along, mut square) = (0.0, 0.0);
+    for (row, left) in record.rows.iter().zip(residuals.ent.iter()) {
+        let part = (row.linear_ent[axis] / most_ent).powi(2);
+        along += part * (kept * left * left - white_ent * white_ent);
+        square += part * part;
+    }
+    let gain = if square > 0.0 { (along / square).max(0.0) } else { 0.0 };
+    (1.0 + gain / (white_ent * white_ent).max(f64::MIN_POSITIVE)).sqrt()
 }
 
 /// The covariate that what is left on an axis follows best, if that is no chance.

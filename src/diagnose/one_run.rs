@@ -113,6 +113,10 @@ pub(super) fn run(
         pictures.inside.extend(picture);
         steps.push(inside_step(found, &prepared, inside.all.iter().any(|f| f.effect.is(&TimeShift))));
     }
+    // A displacement of less than a sample or so is no effect of its own, but what the means are made of.
+    if samples.is_some() && !inside.all.iter().any(|f| f.effect.is(&TimeShift)) {
+        notes.extend(conditions::displaced(plateaus));
+    }
     if run.vectors.lost > 0 {
         let text = conditions::lost(run.vectors.lost, run.vectors.gap_count);
         notes.push(Note::new(NoteKind::Data, text));

@@ -3,11 +3,15 @@
 use super::result::{Forecast, Gap, Parameter, RunnerUp, ShapePoint, Step};
 use super::samples::Inside;
 use super::{CERTAIN, next, words};
+use crate::data::units::COMPONENTS;
 use crate::model::effects::bad_thermistor::{BadThermistor, JUMP, JUMP_TIME};
 use crate::model::effects::time_shift::TimeShift;
-use crate::model::effects::{EffectRef, Family, Spec};
+use crate::model::effects::{Column, EffectRef, Family, Record, Spec};
 use crate::record::prepared::PreparedRun;
 use crate::record::temperature_faults::Jumps;
+
+/// An effect does not act on an axis where it is less than this part of what it is on another one.
+const SMALL_PART: f64 = 0.1;
 
 /// How sure it is that something was found.
 #[derive(Clone, Copy, Debug)]
@@ -272,12 +276,58 @@ pub(super) fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Place>) {
     (all, places)
 }
 
-/// Names are no longer certain where something unknown was left over on the same axes.
-pub(super) fn sufficient(steps: &mut [Step]) {
-    let left: Vec<Vec<String>> = steps.iter().filter(|s| s.effect.is_unknown()).map(|s| s.axes.clone()).collect();
-    for step in steps.iter_mut().filter(|s| !s.effect.is_unknown() && s.wording == "is") {
-        if left.iter().any(|axes| axes.iter().any(|a| step.axes.contains(a))) {
+/// Names are no longer certain where something unknown was left over on the same axes, or where the gap is still open there.
+pub(super) fn sufficient(steps: &mut [Step], record: &Record, open: [bool; 3]) {
+    let unknown: Vec<[bool; 3]> =
+        steps.iter().filter(|s| s.effect.is_unknown()).map(|s| COMPONENTS.map(|a| s.axes.iter().any(|own| own == a))).collect();
+    for step in steps.iter_mut().filter(|s| s.wording == "is") {
+        let acts = acts_on(step, record);
+        let meets = |axes: &[bool; 3]| (0..3).any(|a| axes[a] && acts[a]);
+        // What was found in the samples does not rest on their means.
+        let is_open = step.effect.in_samples().is_none() && meets(&open);
+        if is_open || (!step.effect.is_unknown() && unknown.iter().any(meets)) {
+            let is_usual = step.sentence == words::sentence(step);
             step.wording = "consistent with";
+            if is_usual {
+                step.sentence = words::sentence(step);
+            }
+        }
+    }
+}
+
+/// The axes of the sensor whose readings a step changes, which are other ones than those that it names where these are coil axes, or axes of a
+/// turn; all of them where it has no columns.
+fn acts_on(step: &Step, record: &Record) -> [bool; 3] {
+    let forms = std::iter::once(&step.form).chain(step.further.iter().map(|(form, _)| form));
+    let columns: Option<Vec<Vec<Column>>> = forms.map(|form| step.effect.columns(record, form)).collect();
+    let Some(columns) = columns else { return [true; 3] };
+    let largest = |a: usize| columns.iter().flatten().flat_map(|c| &c.values).map(|v| v[a].abs()).fold(0.0, f64::max);
+    let sizes = [0, 1, 2].map(largest);
+    // A field along one coil axis has a little of itself on every axis of a sensor that is not quite parallel.
+    sizes.map(|size| size > SMALL_PART * sizes.iter().fold(0.0, |m: f64, s| m.max(*s)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::effects::example;
+    use crate::model::effects::rotation_drift::RotationDrift;
+
+    /// A turn about y moves what x and z read, and nothing of y: where the gap of x is open the name is not certain, and the sentence says so.
+    #[test]
+    fn a_name_is_not_certain_where_the_gap_is_open() {
+        let record = example::of(&RotationDrift).unwrap().record;
+        let turn = || {
+            let significance = Significance { p_value: 1e-9, trials: 100, p_value_corrected: 1e-7, strength_k: 25.0 };
+            Facts::new(EffectRef::new(&RotationDrift), Spec::new("time", &[1]), significance).step()
+        };
+        for (open, wording) in
+            [([true, false, false], "consistent with"), ([false, false, true], "consistent with"), ([false, true, false], "is")]
+        {
+            let mut steps = [turn()];
+            sufficient(&mut steps, &record, open);
+            assert_eq!(steps[0].wording, wording, "{open:?}");
+            assert_eq!(steps[0].sentence.contains("consistent with"), wording != "is", "{}", steps[0].sentence);
         }
     }
 }

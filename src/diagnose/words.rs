@@ -1,6 +1,5 @@
 //! What was found in words, and the numbers that words need.
 
-use super::means::HeldOut;
 use super::result::{Gap, Left, LeftLike, ShapePoint, Step};
 use crate::data::units::{six_digits, three_digits};
 use crate::model::effects::{self, Covariate, EffectRef, Record};
@@ -87,31 +86,35 @@ pub fn follows(record: &Record, contribution: &[f64], given: Option<&str>) -> (S
     )
 }
 
-/// An unknown dependence as a table: means of the contribution over equal numbers of rows.
+/// An unknown dependence as a table: means of the contribution, with what is left beside it, over equal numbers of rows; `std_ent` is the noise
+/// of the rows. What multiplies the reading, of which `reading_ent` are the values, is told at the largest one: by least squares, since
+/// readings of both signs would cancel out.
 #[must_use]
 pub fn shape(
     x: &[f64],
-    contribution: &[f64],
+    contribution_ent: &[f64],
+    std_ent: &[f64],
+    reading_ent: Option<&[f64]>,
     nt_per_ent: f64,
-    after: &HeldOut,
-    axis: usize,
-    row_std: &[[f64; 3]],
 ) -> Vec<ShapePoint> {
     let mut order: Vec<usize> = (0..x.len()).collect();
     order.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
     let length = x.len().div_ceil(POINTS).max(1);
+    let most_ent = reading_ent.map_or(1.0, |all| all.iter().fold(0.0, |most: f64, r| most.max(r.abs())));
+    let part = |i: usize| reading_ent.map_or(1.0, |all| all[i] / most_ent);
     order
         .chunks(length)
         .map(|rows| {
-            let n = rows.len() as f64;
-            let mean = |f: &dyn Fn(usize) -> f64| rows.iter().map(|i| f(*i)).sum::<f64>() / n;
-            let variance = mean(&|i| row_std[i][axis].powi(2)) / n;
+            let sum = |f: &dyn Fn(usize) -> f64| rows.iter().map(|i| f(*i)).sum::<f64>();
+            let square = sum(&|i| part(i).powi(2));
             ShapePoint {
-                covariate: mean(&|i| x[i]),
-                residual_nt: nt_per_ent * mean(&|i| contribution[i] + after.residual_ent[(i, axis)]),
-                std_nt: nt_per_ent * variance.sqrt(),
+                covariate: sum(&|i| x[i]) / rows.len() as f64,
+                residual_nt: nt_per_ent * sum(&|i| part(i) * contribution_ent[i]) / square,
+                std_nt: nt_per_ent * sum(&|i| (part(i) * std_ent[i]).powi(2)).sqrt() / square,
             }
         })
+        // Where the axis shows nothing there is no gain.
+        .filter(|point| point.residual_nt.is_finite() && point.std_nt.is_finite())
         .collect()
 }
 
@@ -212,6 +215,7 @@ pub fn course(covariate: &str, points: &[ShapePoint]) -> Option<String> {
             turns.push(point);
         }
     }
+    let what = if covariate.starts_with(effects::GAIN_WITH) { "contribution to the largest reading" } else { "contribution" };
     let place = |p: &ShapePoint| format!("{:+.3} ± {:.3} nT at {}", p.residual_nt, p.std_nt, six_digits(p.covariate));
     let way: Vec<String> = turns
         .windows(2)
@@ -219,12 +223,12 @@ pub fn course(covariate: &str, points: &[ShapePoint]) -> Option<String> {
         .collect();
     Some(if way.is_empty() {
         format!(
-            "Along the {covariate} no single point of the contribution stands out: {} and {} at its ends.",
+            "Along the {covariate} no single point of the {what} stands out: {} and {} at its ends.",
             place(first),
             place(last)
         )
     } else {
-        format!("Along the {covariate} the contribution begins with {} and {}.", place(first), way.join(", then "))
+        format!("Along the {covariate} the {what} begins with {} and {}.", place(first), way.join(", then "))
     })
 }
 
@@ -247,5 +251,24 @@ mod tests {
         let flat = course("field x", &points(&[0.03, -0.02, 0.05, 0.0])).unwrap();
         assert!(flat.contains("no single point") && !flat.contains("rises"), "{flat}");
         assert_eq!(course("field x", &[]), None);
+    }
+
+    /// A gain that falls evenly by 2e-4 over the run, seen in readings of both signs and sizes without noise: 0.2 nT at the largest reading of
+    /// 1000 nT.
+    #[test]
+    fn the_shape_of_a_gain_is_that_of_the_gain() {
+        let n: i32 = 120;
+        let x: Vec<f64> = (0..n).map(f64::from).collect();
+        let reading: Vec<f64> = (0..n).map(|i| [1000.0, -400.0, -800.0, 0.0, 700.0][(i % 5) as usize]).collect();
+        let gain = |x: f64| 1e-4 - 2e-4 * x / f64::from(n - 1);
+        let contribution: Vec<f64> = x.iter().zip(&reading).map(|(x, r)| gain(*x) * r).collect();
+        let points = shape(&x, &contribution, &[0.01; 120], Some(&reading), 1.0);
+        assert_eq!(points.len(), 12);
+        for point in points {
+            let expected = 1000.0 * gain(point.covariate);
+            assert!((point.residual_nt - expected).abs() < 0.005, "{point:?} {expected}");
+            // Ten rows with squares of 1, 0.16, 0.64, 0 and 0.49, each twice.
+            assert!((point.std_nt - 0.01 / 4.58_f64.sqrt()).abs() < 1e-12, "{point:?}");
+        }
     }
 }

@@ -6,6 +6,7 @@ use super::{Band, CellRow, Figure, Marks, Panel, Scale, Series, Style};
 use crate::data::units::Scale::{Calibrated, Engineering};
 use crate::data::units::{COMPONENTS, three_digits};
 use crate::diagnose::result::{Branches, Diagnosis, Evidence, InsideMap, Map, Place, Step};
+use crate::model::effects::GAIN_WITH;
 
 /// Steps that have figures; a run has fewer effects.
 const STEPS: usize = 12;
@@ -197,6 +198,8 @@ fn x_scale(map: &Map) -> Scale {
 
 fn residuals(diagnosis: &Diagnosis, step: &Step, map: &Map) -> Figure {
     let axis = COMPONENTS[map.axis];
+    let is_gain = map.covariate.starts_with(GAIN_WITH);
+    let label = if is_gain { "residual with the sign of the reading, nT" } else { "residual, nT" }.to_owned();
     Figure {
         title: format!("{}: {} on {axis}, before and after", subject(diagnosis), name(step)),
         caption: format!(
@@ -210,8 +213,8 @@ fn residuals(diagnosis: &Diagnosis, step: &Step, map: &Map) -> Figure {
         x_label: with_unit(&map.covariate, &map.unit),
         x_scale: x_scale(map),
         panels: vec![
-            panel(map, "residual, nT".to_owned(), &map.before_nt, Style::Y, "without the effect"),
-            panel(map, "residual, nT".to_owned(), &map.after_nt, Style::X, "with the effect"),
+            panel(map, label.clone(), &map.before_nt, Style::Y, "without the effect"),
+            panel(map, label, &map.after_nt, Style::X, "with the effect"),
         ],
     }
 }

@@ -358,6 +358,14 @@ fn mean_in_time(series: &[(f64, f64)], [begin_s, end_s]: [f64; 2]) -> f64 {
     if end.0 > begin.0 { area / (end.0 - begin.0) } else { begin.1 }
 }
 
+/// Whether the data step at other times than the settings, by more than a 64th of the shortest plateau.
+pub fn displaced(plateaus: &Plateaus) -> Option<Note> {
+    let shift_s = plateaus.edge_shift_s;
+    let is_large = plateaus.list.iter().any(|p| shift_s.abs() > (p.setting.t_end_s - p.setting.t_start_s) / 64.0);
+    let text = format!("the data step {shift_s:+.2} s after the settings do; the disturbed ends of the plateaus were left out");
+    (shift_s.abs() > 0.0 && is_large).then(|| Note::new(NoteKind::Mismatch, text))
+}
+
 /// What the plateaus show about timing, spikes and stuck components.
 pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Plateaus) {
     for (name, count) in COMPONENTS.into_iter().zip(plateaus.without_scatter) {
@@ -370,13 +378,7 @@ pub fn warn_of_plateaus(notes: &mut impl Extend<Note>, run: &Run, plateaus: &Pla
     if !run.blocks.is_empty() {
         notes.extend(scattered_blocks(&plateaus.list));
     }
-    let shift_s = plateaus.edge_shift_s;
-    if shift_s.abs() > 0.0 && plateaus.list.iter().any(|p| shift_s.abs() > (p.setting.t_end_s - p.setting.t_start_s) / 64.0) {
-        notes.extend([Note::new(
-            NoteKind::Mismatch,
-            format!("the data step {shift_s:+.2} s after the settings do; the disturbed ends of the plateaus were left out"),
-        )]);
-    }
+    notes.extend(displaced(plateaus));
     if plateaus.settling_found_s > plateaus.settling_s + 1e-9 && run.blocks.is_empty() {
         notes.extend([Note::new(
             NoteKind::Data,

@@ -20,6 +20,7 @@ use crate::files::text::Group;
 use crate::fit::smooth::Course;
 use crate::model::applied::{AppliedEffect, ModelApplied};
 use crate::model::campaign::Instructions;
+use crate::model::effects::earthfield_leakage::EarthfieldLeakage;
 use crate::model::effects::in_samples::InSamples;
 use crate::model::effects::in_sine::{CORRELATION, InSine};
 use crate::model::effects::record::{Channel, earlier_fields};
@@ -35,6 +36,8 @@ use thiserror::Error;
 const BEYOND: f64 = 0.01;
 /// The linear sensor is fitted so often to readings without the effects: the second time they are the corrected ones.
 const FITS: usize = 2;
+/// Step of the derivative by a shape parameter, as a part of its value.
+const SHAPE_STEP: f64 = 1e-3;
 
 /// An effect that is known.
 #[derive(Clone, Debug, PartialEq)]
@@ -108,6 +111,8 @@ pub struct KnownEffect {
     pub given: Given,
     /// Standard uncertainties of the values; zero where the file has none.
     pub std: Vec<f64>,
+    /// The same of the continuous shape parameter, in its unit.
+    pub shape_std: f64,
     /// What it does to a sine if its parameters move along the axes of their uncertainty by one standard deviation, one after the other.
     pub sine_variants: Vec<InSine>,
     /// Smallest and largest reading of the sensor axes with which it was found, enT; absent if the file does not tell.
@@ -236,14 +241,42 @@ impl KnownEffect {
             values.push(found.value);
             std.push(found.std.unwrap_or(0.0));
         }
+        let shape = effect.continuous(&spec).and_then(|(name, _)| entry.shape.iter().find(|s| s.name == name));
+        let shape_std = shape.and_then(|s| s.std).unwrap_or(0.0);
         let given = Given { effect, spec, values, in_sine, runs };
         let reading_ent = entry.reading_ent.as_ref().and_then(|r| <[[f64; 2]; 3]>::try_from(r.clone()).ok());
-        Ok(Self { given, std, sine_variants, reading_ent })
+        Ok(Self { given, std, shape_std, sine_variants, reading_ent })
     }
 
     pub(super) fn columns(&self, record: &Record) -> Option<Vec<Column>> {
         let columns = self.given.effect.columns(record, &self.given.spec)?;
         (columns.len() == self.given.values.len()).then_some(columns)
+    }
+
+    /// What it contributes to the rows of a record.
+    fn contribution(&self, columns: &[Column], rows: usize) -> Vec<[f64; 3]> {
+        let mut own = vec![[0.0; 3]; rows];
+        for (column, value) in columns.iter().zip(&self.given.values) {
+            for (total, unit) in own.iter_mut().zip(&column.values) {
+                (0..3).for_each(|a| total[a] += value * unit[a]);
+            }
+        }
+        own
+    }
+
+    /// Its change per unit of the continuous shape parameter; `None` of a shape that is known exactly.
+    fn by_shape(&self, record: &Record) -> Option<Vec<[f64; 3]>> {
+        let (name, value) = self.given.effect.continuous(&self.given.spec).filter(|_| self.shape_std > 0.0)?;
+        let by = (SHAPE_STEP * value.abs()).min(self.shape_std);
+        let at = |value: f64| {
+            let mut spec = self.given.spec.clone();
+            spec.shape.iter_mut().filter(|(own, _, _)| own == name).for_each(|shape| shape.1 = value);
+            let columns = self.given.effect.columns(record, &spec)?;
+            Some(self.contribution(&columns, record.rows.len()))
+        };
+        let (more, less) = (at(value + by)?, at(value - by)?);
+        let slope = |(more, less): (&[f64; 3], &[f64; 3])| std::array::from_fn(|a| (more[a] - less[a]) / (2.0 * by));
+        Some(more.iter().zip(&less).map(slope).collect()).filter(|_| by > 0.0)
     }
 
     /// Why it has no term in the readings of a run.
@@ -296,6 +329,17 @@ impl KnownEffect {
                 .about(self.given.effect.id())]);
             }
         }
+    }
+
+    /// Says to what offsets refer from which it took a part.
+    fn refers_to(&self, record: &Record) -> Option<Note> {
+        let [x, y, z] = record.variometer.as_ref().filter(|_| self.given.effect.is(&EarthfieldLeakage))?;
+        let text = format!(
+            "{} is taken off as deviations from the mean variometer reading of the run, {:.2}, {:.2}, {:.2} nT: the offset is that at this \
+             reading, and has κ times it in it",
+            self.given.effect, x.mean, y.mean, z.mean
+        );
+        Some(Note::new(NoteKind::Model, text).about(self.given.effect.id()))
     }
 
     /// For a parameter file, with its largest contribution to a mean reading.
@@ -440,6 +484,7 @@ pub fn apply(
             }
             None => {
                 effect.extrapolates(&prepared.record, file, notes);
+                notes.extend(effect.refers_to(&prepared.record));
                 usable.push(effect);
             }
         }
@@ -461,15 +506,10 @@ pub fn apply(
         let mut sum = vec![[0.0; 3]; rows.len()];
         for effect in &usable {
             let columns = effect.columns(&record).unwrap_or_default();
-            let mut own = vec![[0.0; 3]; rows.len()];
-            for (column, (value, std)) in columns.into_iter().zip(effect.given.values.iter().zip(&effect.std)) {
-                for (total, unit) in own.iter_mut().zip(&column.values) {
-                    (0..3).for_each(|a| total[a] += value * unit[a]);
-                }
-                if *std > 0.0 {
-                    carried.push((*std, column.values));
-                }
-            }
+            let own = effect.contribution(&columns, rows.len());
+            let sizes = columns.into_iter().zip(&effect.std).filter(|(_, std)| **std > 0.0);
+            carried.extend(sizes.map(|(column, std)| (*std, column.values)));
+            carried.extend(effect.by_shape(&record).map(|slope| (effect.shape_std, slope)));
             let size = |v: &[f64; 3]| (0..3).map(|a| v[a].abs() * prepared.nt_per_ent[a]).fold(0.0, f64::max);
             part.effect.push(effect.applied(own.iter().take(base).map(size).fold(0.0, f64::max)));
             for (total, own) in sum.iter_mut().zip(&own) {

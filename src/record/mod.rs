@@ -9,6 +9,7 @@ pub mod linearised;
 pub mod plan;
 pub mod position;
 pub mod prepared;
+mod row_noise;
 pub mod screens;
 pub mod single_readings;
 pub mod temperature_faults;

@@ -1,6 +1,6 @@
 //! A run as rows with covariates, and the linear model that is fitted to them before any effect is looked for.
 
-use super::temperature_faults;
+use super::{row_noise, temperature_faults};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{self, Course as SettingCourse, Displacement, Plateau, Plateaus};
 use crate::data::run::{Kind, Run, Setting, SlowTable, Vector, VectorSink, interpolate, mean_over};
@@ -34,11 +34,6 @@ const OUTLIER: f64 = 5.0;
 const LEAST_FOR_OUTLIERS: usize = 200;
 /// Samples of usual scatter that are added to those of every row.
 const SHRINK: f64 = 20.0;
-/// Fewest samples of an eighth of a row, and fewest rows, from which the noise is estimated; rows with this many times the usual differences
-/// are left out of it.
-const LEAST_IN_EIGHTH: usize = 3;
-const LEAST_FOR_INSIDE: usize = 12;
-const SPIKY: f64 = 10.0;
 /// Rows into which a record without settings is divided.
 const PARTS: usize = 200;
 
@@ -74,6 +69,8 @@ pub struct PreparedRun {
     pub white: Vec<[f64; 3]>,
     /// White noise by the samples inside the rows.
     pub inside: Option<Inside>,
+    /// The same by the scatter of these samples, as a file without them states it: other than white noise is not told from this.
+    pub scatter: Option<Inside>,
     /// nT per enT of each component.
     pub nt_per_ent: [f64; 3],
     /// Time and settings of the used plateaus, by index into the samples: first and one past the last.
@@ -200,9 +197,12 @@ impl PreparedRun {
             parts.iter().map(|p| [at(p.used_s[0]), at(p.used_s[1])]).collect()
         });
         let white = white_variances(&parts);
-        let inside = samples.and_then(|samples| inside(&record, &white, &windows, samples));
+        let inside = samples.and_then(|samples| row_noise::inside(&record, &white, &windows, samples));
+        let stated: Vec<Option<([f64; 3], u64)>> = parts.iter().map(|p| p.std_ent.zip(p.count)).collect();
+        let scatter = if inside.is_none() { row_noise::scatter(&white, &stated) } else { None };
         let displacement = samples.and_then(|samples| displacement(&list, samples, run.header.sample_rate_hz));
-        let mut prepared = Self { record, readings, design, white, inside, nt_per_ent, windows, displacement, notes, faults };
+        let mut prepared =
+            Self { record, readings, design, white, inside, scatter, nt_per_ent, windows, displacement, notes, faults };
         prepared.doubt_outliers();
         if let Some(samples) = samples {
             let shift_s = displacement.map_or(0.0, |d| d.shift_s);
@@ -369,44 +369,6 @@ fn usual_variances(parts: &[Part]) -> [f64; 3] {
     })
 }
 
-/// White noise of a mean by the differences of neighbouring eighths of the parts: filtered samples, or a tone between them, do not deceive
-/// it as they do the scatter of samples.
-fn inside(record: &Record, white: &[[f64; 3]], windows: &[[usize; 2]], samples: &Samples) -> Option<Inside> {
-    const EIGHTHS: usize = 8;
-    let mut all: [Vec<f64>; 3] = Default::default();
-    for (row, ([from, to], white)) in windows.iter().zip(white).enumerate() {
-        let length = (to - from) / EIGHTHS;
-        if length < LEAST_IN_EIGHTH {
-            continue;
-        }
-        let drift = record.drift_ent_per_s(row);
-        let apart_s = samples.t_s[from + length] - samples.t_s[*from];
-        for (a, all) in all.iter_mut().enumerate() {
-            let mean = |k: usize| {
-                let own = &samples.reading_ent[from + k * length..from + (k + 1) * length];
-                own.iter().map(|v| v[a]).sum::<f64>() / length as f64
-            };
-            let squares: f64 = (0..EIGHTHS).step_by(2).map(|k| (mean(k + 1) - mean(k) - drift[a] * apart_s).powi(2)).sum();
-            // The variance of a difference is twice that of the mean of an eighth.
-            let per_pair = squares / (EIGHTHS / 2) as f64 * 0.5 * length as f64 / (to - from) as f64;
-            all.push(per_pair / white[a]);
-        }
-    }
-    let rows = all[0].len();
-    if rows < LEAST_FOR_INSIDE {
-        return None;
-    }
-    // What happens in single parts is no noise.
-    let mut freedom = f64::INFINITY;
-    let variance = all.map(|mut values| {
-        let most = SPIKY * median(&mut values.clone());
-        values.retain(|v| *v <= most);
-        freedom = freedom.min((values.len() * EIGHTHS / 2) as f64);
-        values.iter().sum::<f64>() / values.len().max(1) as f64
-    });
-    variance.iter().all(|v| *v > 0.0).then_some(Inside { variance, freedom })
-}
-
 struct Part {
     used_s: [f64; 2],
     field_coil_nt: [f64; 3],
@@ -558,11 +520,17 @@ fn displacement(list: &[Plateau], samples: &Samples, sample_rate_hz: f64) -> Opt
     let at = |t: f64| samples.t_s.partition_point(|x| *x < t - 1e-9);
     let course = |setting: &Setting| {
         let used = if setting.frequency_hz == 0.0 { at(setting.t_start_s)..at(setting.t_end_s) } else { 0..0 };
+        let (interval_s, times_s) = (sample_rate_hz.recip(), &samples.t_s[used.clone()]);
+        let beside_s = |first: Option<&f64>, last: Option<&f64>| {
+            [first.map_or(0.0, |t| t - setting.t_start_s), last.map_or(0.0, |t| setting.t_end_s - t)]
+                .map(|s| s - 0.5 * interval_s)
+        };
         SettingCourse {
             begin_s: setting.t_start_s,
             end_s: setting.t_end_s,
             is_zero: setting.field.0 == [0.0; 3],
-            interval_s: sample_rate_hz.recip(),
+            interval_s,
+            beside_s: beside_s(times_s.first(), times_s.last()),
             values: (&samples.reading_ent[used]).into(),
         }
     };

@@ -5,6 +5,7 @@ use super::{number, remarks};
 use crate::data::units::{Scale, six_digits, three_digits};
 use crate::diagnose::result::{Diagnosis, Forecast, Gap, Link, Place, RunnerUp, ShapePoint, Step, TOLD_APART};
 use crate::diagnose::words;
+use crate::model::effects::GAIN_WITH;
 use crate::plot::diagnose::{LEFT, WHERE, stems};
 use std::fmt::Write;
 
@@ -200,7 +201,8 @@ fn step(index: usize, step: &Step) -> Section {
         };
         let points = step.shape.iter().enumerate();
         let rows = points.map(|(k, p)| cells![place((k, p)), Cell::signed(p.residual_nt, 4), Cell::fixed(p.std_nt, 4)]);
-        section.push(Table::new([covariate, "contribution, nT", "standard uncertainty, nT"]).with_rows(rows));
+        let what = if covariate.starts_with(GAIN_WITH) { "contribution to the largest reading, nT" } else { "contribution, nT" };
+        section.push(Table::new([covariate, what, "standard uncertainty, nT"]).with_rows(rows));
     }
     if let Some(next) = &step.next_measurement {
         section.push(format!("Next measurement: {next}."));

@@ -17,10 +17,10 @@ const BEYOND_HALF: usize = 3;
 /// Edges agree within so many intervals, or within this part of the displacement.
 const AGREE: f64 = 2.0;
 const AGREE_PART: f64 = 0.1;
-/// Standard deviation of a median over that of a mean, about.
-const OF_MEDIAN: f64 = 1.25;
 /// Standard deviation of a rounded value, in units of the last place.
 const ROUNDING: f64 = 0.29;
+/// Parts of the error of a rounded value, as harmonics of where it lies between two values; those that are left out are a hundredth of it.
+const HARMONICS: usize = 60;
 
 /// A setting as values at equal intervals from its begin to its end.
 #[derive(Clone, Debug)]
@@ -33,6 +33,9 @@ pub struct Course<'a> {
     pub is_zero: bool,
     /// Time from value to value, s.
     pub interval_s: f64,
+    /// By how much more than half an interval the first value is after the begin, and the last one before the end, s: zero for means over the
+    /// intervals.
+    pub beside_s: [f64; 2],
     /// Readings or means of readings, enT; none of a setting whose field is not constant.
     pub values: Cow<'a, [[f64; 3]]>,
 }
@@ -42,7 +45,7 @@ pub struct Course<'a> {
 pub struct Displacement {
     /// s; positive when the data are late.
     pub shift_s: f64,
-    /// Its standard uncertainty, s: scatter of the edges, and that every edge is known to a sample.
+    /// Its standard uncertainty, s: scatter of the edges, and that every edge is known to a sample, alike where edges lie alike.
     pub std_s: f64,
     /// Standard uncertainty by the scatter alone, as far as it can be known, s: beside it a displacement is one or none.
     pub scatter_s: f64,
@@ -129,9 +132,12 @@ impl Side {
             clear += 1;
             let (values, n) = (&setting.values, setting.values.len());
             let at = |k: usize| values[if self.late { k } else { n - 1 - k }];
-            let end_s = if self.late { setting.begin_s } else { setting.end_s };
+            let [end_s, beside_s] =
+                if self.late { [setting.begin_s, setting.beside_s[0]] } else { [setting.end_s, setting.beside_s[1]] };
+            // The edge is half way between the last value before it and the first one after it.
             edges.extend(
-                edge(at, (n / 2 + BEYOND_HALF).min(n), own, beyond).map(|p| [p * setting.interval_s, setting.interval_s, end_s]),
+                edge(at, (n / 2 + BEYOND_HALF).min(n), own, beyond)
+                    .map(|p| [p * setting.interval_s + beside_s, setting.interval_s, end_s]),
             );
         }
         let middle_s = median(&mut edges.iter().map(|e| e[0]).collect::<Vec<f64>>());
@@ -140,20 +146,31 @@ impl Side {
             return None;
         }
         let n = edges.len() as f64;
-        let shift_s = median(&mut edges.iter().map(|e| e[0]).collect::<Vec<f64>>());
-        let scatter_s = OF_MEDIAN * robust_std(edges.iter().map(|e| e[0] - shift_s)) / n.sqrt();
-        // Edges at the same place between two samples are rounded alike.
-        let turns = edges.iter().map(|e| TAU * (e[2] / sample_s).fract());
-        let (sin, cos) = turns.fold((0.0, 0.0), |(s, c), turn| (s + turn.sin(), c + turn.cos()));
-        let alike = (sin * sin + cos * cos) / (n * n);
+        // Whole samples: only the mean of edges that lie otherwise between them is nearer than one.
+        let shift_s = edges.iter().map(|e| e[0]).sum::<f64>() / n;
+        let scatter_s = robust_std(edges.iter().map(|e| e[0] - shift_s)) / n.sqrt();
+        let turns: Vec<f64> = edges.iter().map(|e| TAU * (e[2] / sample_s).fract()).collect();
+        let std_s = scatter_s.max(sample_s * rounding(&turns));
         Some(Displacement {
             shift_s: if self.late { shift_s } else { -shift_s },
-            std_s: scatter_s.hypot(ROUNDING * sample_s * (alike + 1.0 / n).min(1.0).sqrt()),
+            std_s,
             scatter_s: scatter_s.max(ROUNDING * sample_s / n.sqrt()),
             agreeing: edges.len(),
             clear,
         })
     }
+}
+
+/// Standard deviation of the mean of rounded values, in units of the last place, whose places between two values are given as phases: the error of
+/// each is a saw, of which phases that spread leave the harmonics in which they still agree.
+fn rounding(turns: &[f64]) -> f64 {
+    let n = turns.len() as f64;
+    let variance = |harmonic: usize| {
+        let h = harmonic as f64;
+        let (sin, cos) = turns.iter().fold((0.0, 0.0), |(s, c), turn| (s + (h * turn).sin(), c + (h * turn).cos()));
+        2.0 * (sin * sin + cos * cos) / (n * TAU * h).powi(2)
+    };
+    (1..=HARMONICS).map(variance).sum::<f64>().sqrt()
 }
 
 /// The displacement of the data's steps, as at least half of the edges show it that are to be seen; `None` where they show none.
@@ -165,4 +182,42 @@ pub fn displacement(settings: &[Course], sample_s: f64) -> Option<Displacement> 
         sides.iter().flat_map(|side| side.beyond(settings).map(|beyond| side.displacement(settings, &beyond, least, sample_s)));
     all.flatten()
         .max_by(|a, b| a.agreeing.cmp(&b.agreeing).then(b.clear.cmp(&a.clear)).then(b.shift_s.abs().total_cmp(&a.shift_s.abs())))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Settings of 7.3 s every 7.4 s in samples of an eighth of a second that are late by 0.33 s: every edge is seen as a whole number of samples,
+    /// and their mean is the displacement to a part of one. Settings that begin with a sample show no more than the next whole number.
+    #[test]
+    fn a_displacement_is_known_to_a_part_of_a_sample() {
+        const SAMPLE_S: f64 = 0.125;
+        let field = |k: usize| [1000.0 * ((k * 7 % 5) as f64 - 2.0), 300.0, 0.0];
+        let shown = |every_s: f64| {
+            let begin_s = |k: usize| k as f64 * every_s;
+            let at = |t_s: f64| field((((t_s - 0.33) / every_s).floor().max(0.0) as usize).min(60));
+            let course = |k: usize| {
+                let [begin_s, end_s] = [begin_s(k), begin_s(k) + 7.3];
+                let times: Vec<f64> =
+                    (0..4000).map(|n| n as f64 * SAMPLE_S).filter(|t| *t >= begin_s - 1e-9 && *t < end_s - 1e-9).collect();
+                Course {
+                    begin_s,
+                    end_s,
+                    is_zero: false,
+                    interval_s: SAMPLE_S,
+                    beside_s: [times[0] - begin_s - 0.5 * SAMPLE_S, end_s - times[times.len() - 1] - 0.5 * SAMPLE_S],
+                    values: times.into_iter().map(at).collect::<Vec<[f64; 3]>>().into(),
+                }
+            };
+            displacement(&(0..60).map(course).collect::<Vec<Course>>(), SAMPLE_S).unwrap()
+        };
+        // Begins at five places between two samples: the mean is known to a fifth of one.
+        let found = shown(7.4);
+        assert!((found.shift_s - 0.33).abs() < 0.5 * SAMPLE_S / 5.0, "{found:?}");
+        assert!((found.std_s / (SAMPLE_S / 5.0 / 12.0_f64.sqrt()) - 1.0).abs() < 0.1, "{found:?}");
+        let found = shown(7.5);
+        assert!((found.shift_s - 0.3125).abs() < 1e-9, "{found:?}");
+        assert!((found.std_s / (SAMPLE_S / 12.0_f64.sqrt()) - 1.0).abs() < 0.1, "{found:?}");
+    }
 }

@@ -113,6 +113,7 @@ impl Accumulator {
                 end_s: setting.t_end_s,
                 is_zero: setting.field.0 == [0.0; 3],
                 interval_s: (setting.t_end_s - setting.t_start_s) / BINS as f64,
+                beside_s: [0.0; 2],
                 values: values.map_or_else(Vec::new, |r| bins.iter().map(|bin| mean(bin, r)).collect()).into(),
             }
         };

@@ -1,6 +1,6 @@
 //! The description of a term of the plateau means.
 
-use super::{HeldOut, Means, MeansModel, Term};
+use super::{HeldOut, Means, MeansModel, Term, in_time};
 use crate::data::units::{COMPONENTS, six_digits};
 use crate::diagnose::candidate::Candidate;
 use crate::diagnose::next::{self, Named};
@@ -8,7 +8,7 @@ use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter};
 use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape_parameters};
 use crate::diagnose::{APART, selection, words};
-use crate::model::effects::{Family, Record};
+use crate::model::effects::{Family, GAIN_WITH, Record, UNKNOWN};
 use nalgebra::DVector;
 
 /// Rivals whose evidence (logarithm) is less than that of a term by more than this are not listed.
@@ -16,6 +16,9 @@ pub const HOPELESS: f64 = 60.0;
 
 /// Settings over which a field that was the largest is remembered.
 const REMEMBERED: usize = 10;
+
+/// A size below this many of its standard uncertainties may as well be zero.
+const LEAST_RATIO: f64 = 3.0;
 
 /// What a term contributes to the means, where it disagrees most with the linear model.
 struct Contribution {
@@ -80,8 +83,16 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let nt_per_ent = means.prepared.nt_per_ent[axis];
     let row_std = means.row_std(model, &all);
     let noise_nt = row_std.iter().map(|s| s[axis]).sum::<f64>() / means.rows() as f64 * nt_per_ent;
+    let reading_ent: Option<Vec<f64>> = candidate
+        .covariate
+        .as_ref()
+        .filter(|covariate| covariate.starts_with(GAIN_WITH))
+        .map(|_| means.prepared.record.rows.iter().map(|row| row.linear_ent[axis]).collect());
     let shape = if candidate.effect.is_unknown() {
-        words::shape(&contribution.x, &contribution.own_ent, nt_per_ent, &after, axis, &row_std)
+        let own_ent: Vec<f64> =
+            contribution.own_ent.iter().zip(after.residual_ent.column(axis).iter()).map(|(own, left)| own + left).collect();
+        let std_ent: Vec<f64> = row_std.iter().map(|std| std[axis]).collect();
+        words::shape(&contribution.x, &own_ent, &std_ent, reading_ent.as_deref(), nt_per_ent)
     } else {
         Vec::new()
     };
@@ -100,27 +111,45 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         rivals: rival_keys,
         best,
     };
-    let runners_up = scored.runners_up(&candidate.key, HOPELESS);
+    let mut runners_up = scored.runners_up(&candidate.key, HOPELESS);
     // The term has the best value of its shape, rivals those of a grid: with those of the grid for both, none may be near. An unknown function
     // has other unknown ones as rivals, too.
     let has_near_rival = runners_up.iter().any(|r| r.log_ratio > -APART);
+    let in_time = in_time::rivals(means, &without, candidate, &own_group, &score);
     let is_doubted = has_near_rival
+        || !in_time.is_empty()
+        || !is_apart_from_zero(candidate, &parameters)
         || rivals.has_family_twin()
         || has_twin_beside(candidate, &others)
         || begins_with_large_field(&means.prepared.record, candidate);
+    let mut ambiguous_with = rivals.ambiguous();
+    if !in_time.is_empty() && !candidate.effect.is_unknown() && !ambiguous_with.contains(&UNKNOWN) {
+        ambiguous_with.push(UNKNOWN);
+    }
+    let remark = (!in_time.is_empty()).then(|| {
+        let names: Vec<&str> = in_time.iter().map(|r| r.effect.as_str()).collect();
+        format!(" What goes with time in its place describes these data as well ({}).", names.join(", "))
+    });
+    runners_up.extend(in_time);
+    runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
     let facts = Facts {
         parameters,
         name: if is_doubted { Name::Doubted } else { Name::ByStrength },
         place: contribution.place(nt_per_ent, noise_nt),
         gaps: [&before, &after].map(|held| gap(held, means.prepared.nt_per_ent)),
-        ambiguous_with: rivals.ambiguous(),
+        ambiguous_with,
         runners_up,
+        remark,
         covariate: candidate.covariate.clone(),
         shape,
         ..Facts::new(candidate.effect, candidate.spec.clone(), significance)
     };
     let facts = if facts.is_certain() { facts } else { Facts { next_forecast: next::forecasts(means, model, &named), ..facts } };
-    let nt = |held: &HeldOut| held.residual_ent.column(axis).iter().map(|r| r * nt_per_ent).collect::<Vec<f64>>();
+    // What a gain makes of readings has their sign.
+    let sign = |row: usize| reading_ent.as_ref().map_or(1.0, |all| if all[row] < 0.0 { -1.0 } else { 1.0 });
+    let nt = |held: &HeldOut| -> Vec<f64> {
+        held.residual_ent.column(axis).iter().enumerate().map(|(row, r)| sign(row) * r * nt_per_ent).collect()
+    };
     let map = Map {
         covariate: contribution.covariate,
         unit: contribution.unit.to_owned(),
@@ -133,6 +162,13 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         names: Vec::new(),
     };
     Description { facts, map, evidence: Some(rivals.bars(number)) }
+}
+
+/// Whether any of the linear parameters of a term stands out of its uncertainty: a form whose shape is free can follow something that is not its
+/// own with a size that it does not know.
+fn is_apart_from_zero(candidate: &Candidate, parameters: &[Parameter]) -> bool {
+    let is_apart = |p: &Parameter| p.std.is_none_or(|std| p.value.abs() >= LEAST_RATIO * std);
+    parameters.iter().take(candidate.parameters.len()).any(is_apart)
 }
 
 /// Whether another term is a curve of the same axis too: together they stand for a curve that is neither.

@@ -7,6 +7,7 @@ mod attenuation;
 mod describe;
 mod estimate;
 mod held_out;
+mod in_time;
 mod problem;
 
 use super::candidate::{Accepted, Candidate};
@@ -18,6 +19,7 @@ use crate::model::effects::{self, Catalogue, Covariate, EffectRef, Record, Spec,
 use crate::record::plan::Planned;
 use crate::record::prepared::PreparedRun;
 pub(super) use describe::{HOPELESS, gap};
+pub use estimate::Residuals;
 pub use held_out::HeldOut;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;

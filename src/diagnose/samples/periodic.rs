@@ -37,6 +37,10 @@ const TONES: usize = 12;
 const COMBS: usize = 7500;
 /// Cosines that slow changes are made of.
 const SLOW: usize = 12;
+/// Rows of a record without settings whose common mean is taken off, and the part of one by which their number changes.
+const FEWEST_ROWS: usize = 3;
+const MOST_ROWS: usize = 8;
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
 /// Samples on either side that a sample is compared with: of five the median follows edges, but no pulse of one or two.
 const BESIDE: usize = 2;
 /// A spike is so many standard deviations off them, where noise seldom is, and spikes are no more than this part of all samples.
@@ -61,17 +65,31 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
     let signals = Signals::of(catalogue);
     let mut found: Vec<Inside> = Vec::new();
     let Some(rate_hz) = interval_s(samples).map(f64::recip) else { return found };
-    let windows = &beside_edges(prepared, samples, known, rate_hz);
+    let has_fields = prepared.record.has_fields();
+    let windows = &if has_fields { beside_edges(prepared, samples, known, rate_hz) } else { joined(&prepared.windows) };
     let Some(grid) = Grid::new(samples, windows, rate_hz) else { return found };
+    // However long the parts are whose means are taken off, slow noise has the lowest frequencies for itself.
+    let grid = if has_fields { grid } else { grid.as_of_rows(&prepared.windows) };
+    let slopes = Slopes::new(samples, windows);
     let mut spectrum = Spectrum::new(&grid);
     let mut residual = around_means(prepared, samples, windows, known);
+    let mut is_level = [false; 3];
+    let level = |residual: &mut [Vec<f64>; 3], is_level: &mut [bool; 3]| {
+        residual.par_iter_mut().zip(is_level.par_iter_mut()).for_each(|(values, is_level)| {
+            *is_level |= slopes.as_ref().is_some_and(|slopes| slopes.level(values));
+        });
+    };
+    level(&mut residual, &mut is_level);
     for _ in 0..MOST_SIGNALS {
-        let Some(Found { signal, line_hz, left }) = strongest(&prepared.record, &signals, &grid, &mut spectrum, &residual) else {
+        let taken = Taken { slopes: slopes.as_ref(), is_level };
+        let Some(Found { signal, line_hz, left }) =
+            strongest(&prepared.record, &signals, &grid, &taken, &mut spectrum, &residual)
+        else {
             break;
         };
         residual = left;
         // A signal that comes again with the settings had lost a slope that was its own.
-        residual.par_iter_mut().for_each(|values| level(values, samples, windows));
+        level(&mut residual, &mut is_level);
         if !known.iter().chain(&found).any(|k| belongs(line_hz, k, &grid)) {
             found.push(signal);
         }
@@ -112,7 +130,7 @@ fn belongs(line_hz: f64, known: &Inside, grid: &Grid) -> bool {
     (1..=HARMONICS).any(|k| (grid.seen_hz(k as f64 * known_hz) - grid.seen_hz(line_hz)).abs() < SAME_LINE * known_hz)
 }
 
-/// Readings of the used samples around the means of their plateaus, without what is known already and without slow changes.
+/// Readings of the used samples around the means of their plateaus, without what is known already.
 fn around_means(prepared: &PreparedRun, samples: &Samples, windows: &[[usize; 2]], known: &[Inside]) -> [Vec<f64>; 3] {
     let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
     for signal in known {
@@ -120,8 +138,23 @@ fn around_means(prepared: &PreparedRun, samples: &Samples, windows: &[[usize; 2]
     }
     residual.par_iter_mut().for_each(|values| clip(values, windows));
     demean(&mut residual, windows);
-    residual.par_iter_mut().for_each(|values| level(values, samples, windows));
     residual
+}
+
+/// The parts of a record without settings whose means are taken off, of unequal numbers of its rows: equal ones would beat with every period
+/// near a multiple of their length, and take much of what is slower.
+fn joined(rows: &[[usize; 2]]) -> Vec<[usize; 2]> {
+    let mut parts = Vec::new();
+    let mut from = 0;
+    while from < rows.len() {
+        // Parts of the golden ratio follow no period.
+        let part = (parts.len() as f64 * GOLDEN).fract();
+        let count = FEWEST_ROWS + (part * (MOST_ROWS - FEWEST_ROWS + 1) as f64) as usize;
+        let to = if from + count + FEWEST_ROWS > rows.len() { rows.len() } else { from + count };
+        parts.push([rows[from][0], rows[to - 1][1]]);
+        from = to;
+    }
+    parts
 }
 
 /// The plateaus without the samples that displaced edges reach: of a displacement that is known to a part of a sample, a part of a whole step is
@@ -160,34 +193,104 @@ fn clip(values: &mut [f64], windows: &[[usize; 2]]) {
     }
 }
 
-/// Takes slow changes off plateaus whose means are zero: they would be a saw at the rate of the settings. Their slopes follow cosines over the
-/// run; where these are no more than noise, nothing is taken.
-fn level(values: &mut [f64], samples: &Samples, windows: &[[usize; 2]]) {
-    let count = SLOW.min(windows.len() / 4);
-    if count == 0 {
-        return;
-    }
-    let middles_s: Vec<f64> = windows.iter().map(|[from, to]| mean(&samples.t_s[*from..*to])).collect();
-    let (begin_s, end_s) = (middles_s[0], middles_s[middles_s.len() - 1]);
-    let along = |i: usize, k: usize| samples.t_s[k] - middles_s[i];
-    // Squares of the time of each plateau, and slopes in units of their standard deviation at noise of 1.
-    let squares: Vec<f64> =
-        windows.iter().enumerate().map(|(i, [from, to])| (*from..*to).map(|k| along(i, k).powi(2)).sum::<f64>()).collect();
-    let slopes = DVector::from_fn(windows.len(), |i, _| {
-        let [from, to] = windows[i];
-        (from..to).map(|k| values[k] * along(i, k)).sum::<f64>() / squares[i].max(f64::MIN_POSITIVE).sqrt()
-    });
-    let cosine = |i: usize, m: usize| (PI * m as f64 * (middles_s[i] - begin_s) / (end_s - begin_s)).cos();
-    let design = DMatrix::from_fn(windows.len(), count, |i, m| squares[i].sqrt() * cosine(i, m));
-    let base = orthonormal(&design, None, 1e-9);
-    let fitted = &base * base.tr_mul(&slopes);
-    // The slopes that do not follow give their noise.
-    let noise = (slopes - &fitted).norm_squared() / (windows.len() - count) as f64;
-    if log_chi2_tail(fitted.norm_squared() / noise, count as f64) < SIGNIFICANT.ln() {
-        for (i, [from, to]) in windows.iter().enumerate() {
-            let slope = fitted[i] / squares[i].max(f64::MIN_POSITIVE).sqrt();
-            (*from..*to).for_each(|k| values[k] -= slope * along(i, k));
+/// Slow changes of plateaus whose means are zero, which would be a saw at the rate of the settings: their slopes follow cosines over the run.
+struct Slopes<'a> {
+    samples: &'a Samples,
+    windows: &'a [[usize; 2]],
+    /// Middle of each plateau, s.
+    middles_s: Vec<f64>,
+    /// Squares of the time of each plateau, s².
+    squares: Vec<f64>,
+    /// The cosines, at right angles, for slopes in units of their standard deviation at noise of 1.
+    base: DMatrix<f64>,
+}
+
+impl<'a> Slopes<'a> {
+    /// Of plateaus; `None` of so few that nothing follows.
+    fn new(samples: &'a Samples, windows: &'a [[usize; 2]]) -> Option<Self> {
+        let count = SLOW.min(windows.len() / 4);
+        if count == 0 {
+            return None;
         }
+        let middles_s: Vec<f64> = windows.iter().map(|[from, to]| mean(&samples.t_s[*from..*to])).collect();
+        let (begin_s, end_s) = (middles_s[0], middles_s[middles_s.len() - 1]);
+        let own = windows.iter().zip(&middles_s);
+        let squares: Vec<f64> =
+            own.map(|([from, to], middle_s)| samples.t_s[*from..*to].iter().map(|t| (t - middle_s).powi(2)).sum()).collect();
+        let cosine = |i: usize, m: usize| (PI * m as f64 * (middles_s[i] - begin_s) / (end_s - begin_s)).cos();
+        let design = DMatrix::from_fn(windows.len(), count, |i, m| squares[i].sqrt() * cosine(i, m));
+        let base = orthonormal(&design, None, 1e-9);
+        Some(Self { samples, windows, middles_s, squares, base })
+    }
+
+    /// The slopes of values.
+    fn of(&self, values: &[f64]) -> DVector<f64> {
+        DVector::from_fn(self.windows.len(), |i, _| {
+            let [from, to] = self.windows[i];
+            let along = |k: usize| values[k] * (self.samples.t_s[k] - self.middles_s[i]);
+            (from..to).map(along).sum::<f64>() / self.squares[i].max(f64::MIN_POSITIVE).sqrt()
+        })
+    }
+
+    fn take(&self, values: &mut [f64], fitted: &DVector<f64>) {
+        for (i, [from, to]) in self.windows.iter().enumerate() {
+            let slope = fitted[i] / self.squares[i].max(f64::MIN_POSITIVE).sqrt();
+            (*from..*to).for_each(|k| values[k] -= slope * (self.samples.t_s[k] - self.middles_s[i]));
+        }
+    }
+
+    /// Takes them off, whatever they are.
+    fn take_off(&self, values: &mut [f64]) {
+        let slopes = self.of(values);
+        self.take(values, &(&self.base * self.base.tr_mul(&slopes)));
+    }
+
+    /// Takes them off where they are more than noise; whether they are.
+    fn level(&self, values: &mut [f64]) -> bool {
+        let slopes = self.of(values);
+        let fitted = &self.base * self.base.tr_mul(&slopes);
+        // The slopes that do not follow give their noise.
+        let (count, windows) = (self.base.ncols(), self.windows.len());
+        let noise = (slopes - &fitted).norm_squared() / (windows - count) as f64;
+        let is_more = log_chi2_tail(fitted.norm_squared() / noise, count as f64) < SIGNIFICANT.ln();
+        if is_more {
+            self.take(values, &fitted);
+        }
+        is_more
+    }
+}
+
+/// What was taken off the readings beside the means of the plateaus, on each axis.
+struct Taken<'a> {
+    slopes: Option<&'a Slopes<'a>>,
+    is_level: [bool; 3],
+}
+
+impl Taken<'_> {
+    /// Sizes of a switched signal on the axes, by least squares with all of it in the samples, of which the same was taken off as of the
+    /// readings; `None` if it is none.
+    fn sizes_ent(&self, record: &Record, waves: &Waves, effect: EffectRef, form: &Comb, shape: [f64; 3]) -> Option<[f64; 3]> {
+        let [period_s, duty, delay_s] = shape;
+        let (samples, windows) = (waves.grid.samples, waves.grid.windows);
+        let unit =
+            Inside { values: vec![(-1.0, 0.0); 3], ..Inside::new(effect, (form.term)(&[0, 1, 2], period_s, duty, delay_s)) };
+        let mut signal: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; samples.t_s.len()]);
+        remove(&mut signal, record, samples, windows, &unit);
+        for (values, _) in signal.iter_mut().zip(self.is_level).filter(|(_, is_level)| *is_level) {
+            self.slopes.iter().for_each(|slopes| slopes.take_off(values));
+        }
+        let size = |a: usize| {
+            let (mut along, mut square) = (0.0, 0.0);
+            for ([from, to], weight) in windows.iter().zip(&waves.noise.weights[a]) {
+                for (s, r) in signal[a][*from..*to].iter().zip(&waves.residual[a][*from..*to]) {
+                    along += weight * s * r;
+                    square += weight * s * s;
+                }
+            }
+            along / square
+        };
+        let sizes = [0, 1, 2].map(size);
+        sizes.iter().all(|size| size.is_finite()).then_some(sizes)
     }
 }
 
@@ -256,6 +359,7 @@ fn strongest(
     record: &Record,
     signals: &Signals,
     grid: &Grid,
+    taken: &Taken,
     spectrum: &mut Spectrum,
     residual: &[Vec<f64>; 3],
 ) -> Option<Found> {
@@ -272,7 +376,8 @@ fn strongest(
         // Of a signal with one harmonic in sight nothing shows that it is switched.
         Some((effect, form, found)) if found.evidence > tone_evidence && !found.single => {
             let near = found.evidence - tone_evidence < APART;
-            let signal = as_switched(effect, &form, &found, waves, &shown)?;
+            let signal =
+                as_switched(effect, &form, &found, waves, &shown, |shape| taken.sizes_ent(record, waves, effect, &form, shape))?;
             Inside { ambiguous_with: if near { vec![tone_effect] } else { Vec::new() }, ..signal }
         }
         Some((other, _, found)) if tone_evidence - found.evidence < APART => Inside { ambiguous_with: vec![other], ..tone },
@@ -330,7 +435,15 @@ fn switched(
 
 /// A switched signal with its best period, duty and delay; `None` where the fit does not confirm what lines showed that are no tone by
 /// themselves: lines of a spectrum lie beside the harmonics.
-fn as_switched(effect: EffectRef, form: &Comb, found: &Switched, waves: &Waves, shown: &Shown) -> Option<Inside> {
+/// `sizes_ent` are its sizes by the samples.
+fn as_switched(
+    effect: EffectRef,
+    form: &Comb,
+    found: &Switched,
+    waves: &Waves,
+    shown: &Shown,
+    sizes_ent: impl Fn([f64; 3]) -> Option<[f64; 3]>,
+) -> Option<Inside> {
     let (grid, trials) = (waves.grid, Trials::of(waves.grid));
     let Switched { base_hz, duty, delay, .. } = waves.polish(form, found);
     // On and off cannot be distinguished: the shorter part is called on.
@@ -342,10 +455,13 @@ fn as_switched(effect: EffectRef, form: &Comb, found: &Switched, waves: &Waves, 
     }
     let axes = axes_of(&values);
     let period_s = base_hz.recip();
+    // Harmonics of a period that is not short against a plateau are no longer at right angles beside the means, and the sum of the first ones
+    // is not the whole signal.
+    let sizes_ent = sizes_ent([period_s, duty, delay * period_s])?;
     let record_s = grid.length as f64 / grid.rate_hz;
     let period_std_s = period_s * period_s * OF_FREQUENCY / record_s / (gain / 2.0).sqrt();
     Some(Inside {
-        values: axes.iter().map(|a| values[*a]).collect(),
+        values: axes.iter().map(|a| (sizes_ent[*a], values[*a].1)).collect(),
         shape_std: vec![(form.period.to_owned(), period_std_s)],
         strength: gain.sqrt(),
         p_value: shown.p_value.max(f64::MIN_POSITIVE),
@@ -356,7 +472,7 @@ fn as_switched(effect: EffectRef, form: &Comb, found: &Switched, waves: &Waves, 
 
 #[cfg(test)]
 mod tests {
-    use super::{clip, demean, level};
+    use super::{Slopes, clip, demean, joined};
     use crate::record::prepared::Samples;
 
     /// 90 plateaus of 6 s every 7 s at 32 Hz.
@@ -377,11 +493,12 @@ mod tests {
         let omega = std::f64::consts::TAU / 400.0;
         let mut values = [0, 1, 2].map(|a| samples.t_s.iter().map(|t| (omega * t + f64::from(a)).sin()).collect::<Vec<f64>>());
         demean(&mut values, &windows);
+        let slopes = Slopes::new(&samples, &windows).unwrap();
         for values in &mut values {
             let within = |v: &[f64]| windows.iter().map(|[from, to]| squares(&v[*from..*to])).sum::<f64>() / (90.0 * 192.0);
             let before = within(values);
             assert!((before.sqrt() / (omega * 6.0 / 24.0_f64.sqrt()) - 1.0).abs() < 0.05, "{before}");
-            level(values, &samples, &windows);
+            slopes.level(values);
             let bends = omega * omega * 36.0 / (2.0 * 720.0_f64).sqrt();
             // What the cosines do not follow at the ends of the run adds to the bends.
             assert!(within(values).sqrt() < 0.05 * before.sqrt() + bends, "{}", within(values).sqrt());
@@ -419,7 +536,18 @@ mod tests {
             (*from..*to).for_each(|k| values[k] = sign * (samples.t_s[k] - samples.t_s[*from] - 191.0 / 64.0));
         }
         let before = values.clone();
-        level(&mut values, &samples, &windows);
+        Slopes::new(&samples, &windows).unwrap().level(&mut values);
         assert_eq!(values, before);
+    }
+
+    /// The parts of a record of 200 rows hold every sample once, and no few lengths make up all of it.
+    #[test]
+    fn parts_of_a_record_are_unequal() {
+        let rows: Vec<[usize; 2]> = (0..200).map(|i| [100 * i, 100 * (i + 1)]).collect();
+        let parts = joined(&rows);
+        assert_eq!((parts[0][0], parts[parts.len() - 1][1]), (0, 20_000));
+        assert!(parts.windows(2).all(|w| w[0][1] == w[1][0]));
+        let of_length = |rows: usize| parts.iter().filter(|[from, to]| to - from == 100 * rows).count();
+        assert!((3..=8).all(|rows| (4..12).contains(&of_length(rows))), "{parts:?}");
     }
 }

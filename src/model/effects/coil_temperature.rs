@@ -24,7 +24,7 @@ const PER_AXIS: &str = "per axis";
 /// Form: one scale factor for all.
 const COMMON: &str = "common";
 /// Shape: the reading follows the temperature of so many seconds before.
-pub(super) const LAG: &str = "lag";
+pub const LAG: &str = "lag";
 /// The covariate in words.
 const COIL: &str = "coil temperature";
 

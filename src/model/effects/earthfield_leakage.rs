@@ -24,7 +24,7 @@ impl Effect for EarthfieldLeakage {
     fn about(&self) -> About {
         About {
             summary: "imperfect dynamic compensation of the Earth field",
-            formula: "B_k += κ_k variometer_k on coil axis k (own axis), or B_k += Σ_j κ_kj variometer_j (crossed axes)",
+            formula: "B_k += κ_k v_k on coil axis k (own axis), or B_k += Σ_j κ_kj v_j (crossed axes), v = variometer less its mean over the run",
             family: Family::Facility,
             seen_in: "lin, zero-field",
             needs: "variometer",

@@ -13,7 +13,7 @@ mod catalogue;
 pub mod clock_drift;
 pub mod coil_temperature;
 mod cubic_nonlinearity;
-mod earthfield_leakage;
+pub mod earthfield_leakage;
 pub mod eddy_current_attenuation;
 pub mod example;
 pub mod facility_angle;
@@ -33,7 +33,7 @@ mod rack_temperature;
 pub mod record;
 pub mod remanence;
 pub mod response_order;
-mod rotation_drift;
+pub mod rotation_drift;
 mod saturation;
 pub mod sensor_temperature_offset;
 pub mod sensor_temperature_sensitivity;
@@ -47,7 +47,7 @@ mod unseen;
 
 pub use catalogue::{Catalogue, EffectRef, IdTaken, UNKNOWN};
 pub use record::{Record, Row, Thermal};
-pub use unknown::{Covariate, TIME, columns as unknown_columns, spline};
+pub use unknown::{Covariate, GAIN_WITH, TIME, columns as unknown_columns, spline};
 pub use unseen::Unseen;
 
 use crate::data::run::Kind;

@@ -20,6 +20,8 @@ const PRIOR: f64 = 0.04;
 const HISTORY: [&str; EARLIER] = ["previous field _", "field _ two settings before", "field _ three settings before"];
 /// The covariates that belong to the times of one run.
 pub const TIME: &str = "time";
+/// How the names of covariates begin with which the gain goes.
+pub const GAIN_WITH: &str = "gain with ";
 const GAIN_WITH_TIME: &str = "gain with time";
 
 /// A smooth function of one covariate.
@@ -81,7 +83,7 @@ impl Covariate {
         }
         if record.has_fields() {
             let gains: Vec<Covariate> =
-                slow.iter().map(|c| Covariate { name: format!("gain with {}", c.name), gain: true, ..c.clone() }).collect();
+                slow.iter().map(|c| Covariate { name: format!("{GAIN_WITH}{}", c.name), gain: true, ..c.clone() }).collect();
             all.extend(gains);
         }
         all.extend(slow);
@@ -115,6 +117,14 @@ impl Covariate {
     #[must_use]
     pub fn smooth(&self, record: &Record, axis: usize) -> Option<Vec<Column>> {
         columns(record, self, &self.spec(axis, MOST_KNOTS)?)
+    }
+
+    /// The same with as many knots as where it is looked at most closely.
+    #[must_use]
+    pub fn close(&self, record: &Record, axis: usize) -> Option<(Spec, Vec<Column>)> {
+        let spec = self.spec(axis, CLOSE_KNOTS)?;
+        let columns = columns(record, self, &spec)?;
+        Some((spec, columns))
     }
 
     /// A function of it on one axis, with so many knots at most.

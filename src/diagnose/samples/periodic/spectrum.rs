@@ -59,6 +59,8 @@ pub struct Grid<'a> {
     pub used: usize,
     /// The same, as stretches, plateau after plateau.
     pub stretches: Vec<Stretch>,
+    /// Lowest frequency that is looked at, Hz: that which the means of the plateaus leave.
+    lowest_hz: f64,
     /// Samples of the transform.
     size: usize,
 }
@@ -121,8 +123,14 @@ impl<'a> Grid<'a> {
             length,
             used,
             stretches: stretches(&samples.t_s, windows, longest, GAP / rate_hz),
+            lowest_hz: 1.0 / (SLOWEST * longest_s(samples, windows, rate_hz)),
             size: (2 * length).next_power_of_two(),
         })
+    }
+
+    /// The same with the lowest frequency of other plateaus.
+    pub fn as_of_rows(self, rows: &[[usize; 2]]) -> Self {
+        Self { lowest_hz: 1.0 / (SLOWEST * longest_s(self.samples, rows, self.rate_hz)), ..self }
     }
 
     /// From line to line, Hz.
@@ -137,14 +145,19 @@ impl<'a> Grid<'a> {
 
     /// Length of the longest plateau, s.
     fn longest_s(&self) -> f64 {
-        let t = &self.samples.t_s;
-        self.windows.iter().map(|w| t[w[1].max(1) - 1] - t[w[0]]).fold(1.0 / self.rate_hz, f64::max)
+        longest_s(self.samples, self.windows, self.rate_hz)
     }
 
-    /// Lowest frequency that the means of the plateaus leave.
+    /// Lowest frequency that is looked at, Hz.
     pub fn lowest_hz(&self) -> f64 {
-        1.0 / (SLOWEST * self.longest_s())
+        self.lowest_hz
     }
+}
+
+/// Length of the longest of some plateaus, s.
+fn longest_s(samples: &Samples, windows: &[[usize; 2]], rate_hz: f64) -> f64 {
+    let t = &samples.t_s;
+    windows.iter().map(|w| t[w[1].max(1) - 1] - t[w[0]]).fold(1.0 / rate_hz, f64::max)
 }
 
 /// The windows in stretches of at most so many samples, without intervals longer than this.
