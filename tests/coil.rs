@@ -713,7 +713,7 @@ fn runs_in_several_orientations_give_the_facility_from_their_parameter_files_and
     let mode = text.lines().find(|l| l.starts_with("mode = ")).unwrap();
     std::fs::write(&run, text.replace(mode, "mode = \"another\"")).unwrap();
     let (status, _, errors) = coil(&case, "tilt", &[&campaign], &options);
-    assert_eq!(status, Some(2), "{errors}");
+    assert_eq!(status, Some(1), "{errors}");
     says(&errors, &["in several modes: another, ", "name the runs of one mode"]);
 }
 

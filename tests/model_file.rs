@@ -121,7 +121,7 @@ fn the_command_states_the_model_and_verify_repeats_it() {
     let case = Case::of(bent().text());
     let path = write_model(&case, vec![cubic(C3)]);
     let stderr = case.done(&["--order", "0", "--model", &path.display().to_string()]);
-    assert!(!stderr.contains("diagnose"), "{stderr}");
+    assert!(!stderr.contains("FIT"), "{stderr}");
     let cpf = case.cpf();
     assert_eq!(cpf["model"]["file"].as_str(), Some("model.toml"));
     assert!(cpf["provenance"]["command"].as_str().unwrap().contains("--model model.toml"));

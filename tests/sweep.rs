@@ -282,8 +282,9 @@ fn off_nt(case: &Case) -> f64 {
             squares.push((sum / count - applied).powi(2));
         }
     }
-    // All but the stretch at the begin in which the temperature of the sensor is not known.
-    assert!(squares.len() > settings.len() * 9 / 10, "{}", squares.len());
+    // All but the begin, where the temperature of the sensor is not known: 20 K/h in 480 s are 2.7 K, of which a tenth of 0.02 K is left after 7.2
+    // time constants, 58 min of 8 h.
+    assert!(squares.len() > settings.len() * 7 / 8 - 5, "{}", squares.len());
     (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
@@ -361,10 +362,10 @@ fn a_jump_of_the_thermistor_where_the_temperature_turns_is_no_lag() {
         });
         fs::write(&run, format!("{head}@TEMPERATURES\n{names}\n{}@{rest}", other.collect::<String>())).unwrap();
         let (file, _) = swept(&case, &[]);
-        let told = file.to_string().contains("temperature channel T59 jumps by");
+        let told = file.to_string().contains("temperature channel T59 jumps");
         assert_eq!((told, decided(&file, "decision")), (by_k != 0.0, Some("none claimed")), "{by_k}");
         if told {
-            says(&file.to_string(), &[&format!("T59 jumps by {}0.", if by_k > 0.0 { "+" } else { "-" })]);
+            says(&file.to_string(), &[if by_k > 0.0 { " by +0." } else { " by -0." }]);
         }
         // The sweep reaches from 130 °C down to 50 °C.
         let own = pulls(&file, &twin).map(|[.., warm, hot]| [warm, hot]);

@@ -43,6 +43,7 @@ use crate::record::facility;
 use crate::record::known::{self, Known};
 use crate::record::position::{apply_limits, the_position};
 use crate::record::screens::{self, inside};
+use crate::record::temperature_faults;
 use fit::Problem;
 use means::Means;
 use nalgebra::{DVectorView, Matrix3};
@@ -111,11 +112,15 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let Followed { mut lags, chosen } = Followed::of(&channels, &own, &means, asked.usual().higher().linear(), &mut notes);
     let (channel, series) = &channels[chosen];
     let linear = asked.usual().higher().linear();
-    let seen = Step::of(series, &means, linear, lags[chosen].gain);
+    let told_s = temperature_faults::largest_jump_s(run, channel, span_s);
+    let seen = match told_s {
+        Some(t_s) => Step::beyond(series, &means, linear, t_s),
+        None => Step::of(series, &means, linear, lags[chosen].gain),
+    };
     let (step, rival) = (seen.filter(|step| step.is_claimed), seen.filter(|step| !step.is_claimed));
     let mended = step.map(|step| step.taken_off(series));
     if let (Some(step), Some(mended)) = (step, &mended) {
-        notes.push(step.note(channel));
+        notes.push(if told_s.is_some() { step.note_beyond(channel) } else { step.note(channel) });
         lags[chosen] = thermistors::find_lag(channel, mended, &means, linear);
     }
     let series = mended.as_ref().unwrap_or(series);

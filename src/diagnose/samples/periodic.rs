@@ -69,7 +69,7 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
     let windows = &if has_fields { beside_edges(prepared, samples, known, rate_hz) } else { joined(&prepared.windows) };
     let Some(grid) = Grid::new(samples, windows, rate_hz) else { return found };
     // However long the parts are whose means are taken off, slow noise has the lowest frequencies for itself.
-    let grid = if has_fields { grid } else { grid.as_of_rows(&prepared.windows) };
+    let grid = if has_fields { grid } else { grid.over_rows(&prepared.windows) };
     let slopes = Slopes::new(samples, windows);
     let mut spectrum = Spectrum::new(&grid);
     let mut residual = around_means(prepared, samples, windows, known);

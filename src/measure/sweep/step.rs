@@ -57,22 +57,35 @@ impl Step {
             if (t_s - scan.t_s).abs() > near_s || !may_jump(series, *t_s, [scan.size_k, scan.std_k]) {
                 return None;
             }
-            let mut step = Self { t_s: *t_s, size_k: scan.size_k, std_k: f64::INFINITY, gain: 0.0, is_claimed: false };
-            for _ in 0..ROUNDS {
-                let (by_k, std_k) = Linear::of(means, &smooth(&step.taken_off(series)), orders)?.jump(*t_s)?;
-                (step.size_k, step.std_k) = (step.size_k + by_k, std_k);
-                if by_k.abs() < SETTLED * std_k {
-                    break;
-                }
-            }
-            step.gain = without - means.deviance(&smooth(&step.taken_off(series)), orders);
-            may_jump(series, *t_s, [step.size_k, step.std_k]).then_some(step)
+            let step = Self::settled(series, means, orders, *t_s, scan.size_k)?;
+            let gain = without - means.deviance(&smooth(&step.taken_off(series)), orders);
+            Some(Self { gain, ..step })
         };
         let best = series.iter().filter_map(at).max_by(|a, b| a.gain.total_cmp(&b.gain))?;
         let is_needed = !may_jump(series, best.t_s, [0.0, 0.0]);
         let ahead = best.gain - lag_gain.max(0.0);
         let is_claimed = ahead > least || (is_needed && ahead > -least);
         (best.gain > least && ahead > -least).then_some(Self { is_claimed, ..best })
+    }
+
+    /// What the readings of the sensor make of a jump at a time beyond what those of the thermistor told, which was taken off: where the temperature
+    /// turns these tell its size to a few hundredths of a kelvin. `None` where they leave no room for it, as where the sensor has a lag.
+    pub fn beyond(series: &[(f64, f64)], means: &Means, orders: LinearOrders, t_s: f64) -> Option<Self> {
+        Self::settled(series, means, orders, t_s, 0.0).map(|step| Self { is_claimed: true, ..step })
+    }
+
+    /// A jump at a time whose size settles from a first one, K; `None` where the readings of the thermistor leave no room for it.
+    fn settled(series: &[(f64, f64)], means: &Means, orders: LinearOrders, t_s: f64, size_k: f64) -> Option<Self> {
+        let mut step = Self { t_s, size_k, std_k: f64::INFINITY, gain: 0.0, is_claimed: false };
+        for _ in 0..ROUNDS {
+            let degc = means.degc(&Course::smooth(&step.taken_off(series)).series);
+            let (by_k, std_k) = Linear::of(means, &degc, orders)?.jump(t_s)?;
+            (step.size_k, step.std_k) = (step.size_k + by_k, std_k);
+            if by_k.abs() < SETTLED * std_k {
+                break;
+            }
+        }
+        may_jump(series, t_s, [step.size_k, step.std_k]).then_some(step)
     }
 
     /// The readings as if right before the jump.
@@ -96,6 +109,15 @@ impl Step {
         Note::new(NoteKind::Temperature, text)
             .about(channel)
             .with_remedy("do not use the temperature, and measure with a thermistor that holds")
+    }
+
+    /// What is said of one that the readings of the thermistor told already, to within less than this.
+    pub fn note_beyond(&self, channel: &str) -> Note {
+        let text = format!(
+            "the jump of temperature channel {channel} at {:.0} s is {:+.3} ± {:.3} K more than its own readings tell, by the readings of the sensor",
+            self.t_s, self.size_k, self.std_k
+        );
+        Note::new(NoteKind::Temperature, text).about(channel)
     }
 
     /// What is said of one that is not claimed beside a lag that is.

@@ -152,14 +152,24 @@ pub fn without_jumps(table: &SlowTable, span_s: [f64; 2]) -> (Vec<Jumps>, SlowTa
 #[must_use]
 pub fn readings(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Vec<(f64, f64)>> {
     let mut series = run.slow_channel(name)?;
-    let table = &run.temperatures;
-    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
-    let found = channels.iter().find(|c| c.name == name).and_then(|own| own.jumps_between(&channels, span_s));
-    if let Some(found) = found {
+    if let Some(found) = jumps_in(run, name, span_s) {
         series.iter_mut().for_each(|(t_s, value)| found.take_off(*t_s, value));
     }
     series.retain(|(_, degc)| PLAUSIBLE_DEGC.contains(degc));
     Some(series)
+}
+
+/// The time of the first reading behind the largest of these jumps, s since the run's start.
+#[must_use]
+pub fn largest_jump_s(run: &Run, name: &str, span_s: [f64; 2]) -> Option<f64> {
+    jumps_in(run, name, span_s)?.jumps.first().map(|(t_s, _)| *t_s)
+}
+
+/// The jumps of a slow channel between two times, s since the run's start, the largest first.
+fn jumps_in(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Jumps> {
+    let table = &run.temperatures;
+    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
+    channels.iter().find(|c| c.name == name)?.jumps_between(&channels, span_s)
 }
 
 /// All jumps of the readings of one thermistor (s, °C), in order of time: the time of the first reading behind each, s, and its size, K. Across a

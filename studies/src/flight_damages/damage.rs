@@ -42,7 +42,7 @@ impl Inputs {
     }
 
     fn each(&mut self, change: impl Fn(&mut Table) -> bool) -> bool {
-        self.kind != Kind::Configuration && self.tables.iter_mut().fold(false, |any, table| change(table) || any)
+        self.kind != Kind::Configuration && self.tables.iter_mut().filter_map(|table| change(table).then_some(())).count() > 0
     }
 
     /// The last table, which is that of the second day where there is one for each.
@@ -238,11 +238,11 @@ pub const ALL: &[Damage] = &[
     }),
     damage!("all columns x 10", |i| {
         let names = i.main();
-        i.each(|table| names.iter().fold(false, |any, name| table.change(name, |_, v| 10.0 * v) || any))
+        i.each(|table| names.iter().filter_map(|name| table.change(name, |_, v| 10.0 * v).then_some(())).count() > 0)
     }),
     damage!("all columns reversed", |i| {
         let names = i.main();
-        i.each(|table| names.iter().fold(false, |any, name| table.change(name, |_, v| -v) || any))
+        i.each(|table| names.iter().filter_map(|name| table.change(name, |_, v| -v).then_some(())).count() > 0)
     }),
     damage!("first column stands", |i| i.first_column(|_, _, _| 17.0)),
     damage!("one value x 1000", |i| {
@@ -365,10 +365,7 @@ pub const ALL: &[Damage] = &[
 fn renamed(table: &mut Table, from: &str, to: &str) -> bool {
     let Some(Values::Words(words)) = ["sid", "cls"]
         .into_iter()
-        .find_map(|name| {
-            let is_there = table.columns.iter().any(|(own, _)| own == name);
-            is_there.then_some(name)
-        })
+        .find(|name| table.columns.iter().any(|(own, _)| own == name))
         .and_then(|name| table.column(name))
     else {
         return false;

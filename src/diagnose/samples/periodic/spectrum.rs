@@ -129,7 +129,7 @@ impl<'a> Grid<'a> {
     }
 
     /// The same with the lowest frequency of other plateaus.
-    pub fn as_of_rows(self, rows: &[[usize; 2]]) -> Self {
+    pub fn over_rows(self, rows: &[[usize; 2]]) -> Self {
         Self { lowest_hz: 1.0 / (SLOWEST * longest_s(self.samples, rows, self.rate_hz)), ..self }
     }
 
