@@ -342,7 +342,7 @@ fn a_lag_of_eight_minutes_is_found_given_or_left_out() {
 fn a_jump_of_the_thermistor_where_the_temperature_turns_is_no_lag() {
     const TURN_S: f64 = 4.0 * 3600.0;
     let mut twin = demo();
-    let mut back = twin.thermal_box.phases.last().unwrap().clone();
+    let mut back = *twin.thermal_box.phases.last().unwrap();
     back.from = "2026-03-03T20:00:00Z".parse().unwrap();
     back.target_degc = 130.0;
     twin.thermal_box.phases.push(back);

@@ -23,7 +23,7 @@ const FEW: usize = 11;
 /// A noise below this part of the largest reading is rounding.
 const ROUNDING: f64 = 1e-12;
 
-/// An offset that moves within the run by so many of its stated uncertainties to either side of its mean is told.
+/// An offset that moves within the run to either side of its mean by so many times what noise makes of its trend is told.
 const MOVES: f64 = 5.0;
 
 /// Every plateau with its residual; `weights` are those of the used ones in turn, `before` the readings at the temperatures of the plateaus
@@ -56,12 +56,15 @@ pub(super) fn blocks(
 /// for another time than the middle of the run has the rest of the trend as an error.
 pub(super) fn moving_offset(offset: &OffsetTrend, std_ent: [f64; 3]) -> Option<Note> {
     const STEPS: i32 = 20;
+    // At the ends of even times, noise makes a trend of order p leave its mean by √((p + 1)² - 1) uncertainties of that: Legendre polynomials of the
+    // order k have the variance 2 k + 1 there.
+    let ends = ((offset.trend_order as f64 + 1.0).powi(2) - 1.0).sqrt();
     let off_ent = |a: usize| -> f64 {
         let at = |tau: f64| offset.trend_ent[a].iter().rev().fold(0.0, |sum, c| sum * tau + c) - offset.b_or_ent[a];
         (-STEPS..=STEPS).map(|i| at(f64::from(i) / f64::from(STEPS))).fold(0.0, |most: f64, off| most.max(off.abs()))
     };
     let told: Vec<String> = (0..3)
-        .filter(|a| off_ent(*a) > MOVES * std_ent[*a])
+        .filter(|a| off_ent(*a) > MOVES * ends * std_ent[*a])
         .map(|a| format!("{:.3} enT in {} (stated ± {:.3} enT)", off_ent(a), COMPONENTS[a], std_ent[a]))
         .collect();
     (!told.is_empty()).then(|| {

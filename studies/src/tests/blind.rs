@@ -313,7 +313,7 @@ fn limits_of_shares_are_those_of_clopper_and_pearson() {
 #[test]
 fn a_short_study_is_silent_on_noise_and_names_what_is_strong() {
     let size = Size::asked();
-    let count: u64 = size.of(36, 72);
+    let count: u64 = size.of(24, 72);
     let nulls = plan(count, 0, &[Kind::Lin, Kind::Sweep]);
     let score = Score::of(&run(&nulls, judge::judge, || {}).unwrap());
     let alarms: u64 = score.false_alarms.values().map(|share| share.hits).sum();

@@ -37,8 +37,9 @@ const EXCESSES: usize = 26;
 const PRIOR_LACK: f64 = 0.02;
 const LACKS: [f64; 4] = [0.6, 0.3, 0.1, 0.01];
 /// Prior odds of scatter between the rows that grows with the reading against scatter that does not, and its variances at the largest reading over
-/// that without. A source is specified by a part of its setting; with these odds errors of gains are 0.85 of what is stated where the scatter does
-/// not grow, and 1.08 where it grows by so little that a run of 37 settings cannot tell it (`reports/coverage.md`, "Sources that scatter").
+/// that without. A source is specified by a part of its setting; with these odds errors of gains are 0.92 of what is stated where the scatter does
+/// not grow, and 1.27 where it grows by so little that a run of 37 settings cannot tell it: larger odds make the first smaller and the second
+/// nearer to one (`reports/coverage.md`, "Sources that scatter").
 const PRIOR_GROWING: f64 = 0.5;
 pub(super) const GROWTHS: [f64; 6] = [1.0, 3.0, 10.0, 30.0, 100.0, 1000.0];
 /// Prior probability of slow noise of the gain.
