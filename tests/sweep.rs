@@ -256,7 +256,8 @@ fn a_sweep_that_begins_within_a_ramp_is_right_with_a_delay() {
     assert!((0.7..1.3).contains(&whole), "{whole}");
 }
 
-/// The polynomials of a case, applied to the sweep itself: root mean square of modulus minus applied modulus over the settings, nT.
+/// The polynomials of a case, applied to the sweep itself: median size of modulus minus applied modulus over the settings, nT. In some settings there
+/// are pulses of the heater.
 fn off_nt(case: &Case) -> f64 {
     let run = case.campaign().join("26-03-03/16-00-00.CCR");
     let tpf = case.out().join(SWEEP).join("THERMAL_PARAMETER__26-03-03-16-00-00.TPF");
@@ -271,21 +272,21 @@ fn off_nt(case: &Case) -> f64 {
             other => panic!("{other:?}"),
         });
     let settings = calfit::files::ccr::read(&run, &calfit::files::ccr::Options::default(), &mut ()).unwrap().settings;
-    let mut squares = Vec::new();
+    let mut off = Vec::new();
     for setting in &settings {
-        // The first seconds hold the pulse of the heater in the pause before.
-        let own = t_s.partition_point(|t| *t < setting.t_start_s + 5.0)..t_s.partition_point(|t| *t < setting.t_end_s);
+        let own = t_s.partition_point(|t| *t < setting.t_start_s)..t_s.partition_point(|t| *t < setting.t_end_s);
         let moduli = own.clone().map(|i| (x[i] * x[i] + y[i] * y[i] + z[i] * z[i]).sqrt()).filter(|b| b.is_finite());
         let (sum, count) = moduli.fold((0.0, 0.0), |(sum, count), b| (sum + b, count + 1.0));
         if count == own.len() as f64 {
             let applied = setting.field.0.iter().map(|b| b * b).sum::<f64>().sqrt();
-            squares.push((sum / count - applied).powi(2));
+            off.push((sum / count - applied).abs());
         }
     }
     // All but the begin, where the temperature of the sensor is not known: 20 K/h in 480 s are 2.7 K, of which a tenth of 0.02 K is left after 7.2
     // time constants, 58 min of 8 h.
-    assert!(squares.len() > settings.len() * 7 / 8 - 5, "{}", squares.len());
-    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    assert!(off.len() > settings.len() * 7 / 8 - 5, "{}", off.len());
+    off.sort_by(f64::total_cmp);
+    off[off.len() / 2]
 }
 
 /// Eight minutes between sensor and thermistor, either way, are found, and the coefficients are as right as without; without the lag they are
@@ -314,9 +315,9 @@ fn a_lag_of_eight_minutes_is_found_given_or_left_out() {
             if seed > 1 {
                 continue;
             }
-            assert!(off_nt(&case) < 0.3);
+            // Noise of a mean and scatter of the source are 0.05 nT; 2.7 K more or less would be 2.4 nT.
+            assert!(off_nt(&case) < 0.1, "{}", off_nt(&case));
             let (without, _) = swept(&case, &["--lag", "none"]);
-            assert!(off_nt(&case) > 1.0);
             assert_eq!(decided(&without, "decision"), Some("not looked for"));
             assert!(rms(pulls(&without, &twin)[..3].as_flattened()) > 5.0);
             let (given, stdout) = swept(&case, &["--lag", arguments]);

@@ -49,6 +49,8 @@ pub struct Displacement {
     pub std_s: f64,
     /// Standard uncertainty by the scatter alone, as far as it can be known, s: beside it a displacement is one or none.
     pub scatter_s: f64,
+    /// How long settings show the other level, in values from that end of them, s: whether there is a displacement at all.
+    pub shown_s: f64,
     /// Edges that agree.
     pub agreeing: usize,
     /// Edges that are to be seen.
@@ -121,8 +123,8 @@ impl Side {
     /// The displacement that settings show whose levels beyond this end are known.
     fn displacement(&self, settings: &[Course], beyond: &[Option<[f64; 3]>], least: f64, sample_s: f64) -> Option<Displacement> {
         let mut clear = 0;
-        // Displacement, interval and time of the setting's end.
-        let mut edges: Vec<[f64; 3]> = Vec::new();
+        // Displacement, interval, time of the setting's end, and how long it shows the other level.
+        let mut edges: Vec<[f64; 4]> = Vec::new();
         for ((setting, own), beyond) in settings.iter().zip(&self.own).zip(beyond) {
             let (Some(own), Some(beyond)) = (*own, *beyond) else { continue };
             let step = minus(beyond, own);
@@ -137,11 +139,11 @@ impl Side {
             // The edge is half way between the last value before it and the first one after it.
             edges.extend(
                 edge(at, (n / 2 + BEYOND_HALF).min(n), own, beyond)
-                    .map(|p| [p * setting.interval_s + beside_s, setting.interval_s, end_s]),
+                    .map(|p| [p * setting.interval_s + beside_s, setting.interval_s, end_s, p * setting.interval_s]),
             );
         }
         let middle_s = median(&mut edges.iter().map(|e| e[0]).collect::<Vec<f64>>());
-        edges.retain(|[by_s, interval_s, _]| (by_s - middle_s).abs() <= (AGREE * interval_s).max(AGREE_PART * middle_s));
+        edges.retain(|[by_s, interval_s, ..]| (by_s - middle_s).abs() <= (AGREE * interval_s).max(AGREE_PART * middle_s));
         if edges.len() < LEAST_EDGES || 2 * edges.len() < clear {
             return None;
         }
@@ -155,6 +157,7 @@ impl Side {
             shift_s: if self.late { shift_s } else { -shift_s },
             std_s,
             scatter_s: scatter_s.max(ROUNDING * sample_s / n.sqrt()),
+            shown_s: median(&mut edges.iter().map(|e| e[3]).collect::<Vec<f64>>()),
             agreeing: edges.len(),
             clear,
         })

@@ -6,8 +6,8 @@ use crate::model::effects::EffectRef;
 use crate::model::effects::time_shift::{self, TimeShift};
 use crate::record::prepared::{PreparedRun, Samples};
 
-/// Least displacement, in samples: data that are off by one sample are what the low-pass of every sensor and the place of the samples between
-/// the edges make.
+/// Least part of a setting that shows another level, in samples: one sample of it is what the low-pass of every sensor and the place of the samples
+/// between the edges make.
 const LEAST: f64 = 1.1;
 /// Least displacement in standard uncertainties by the scatter of the edges.
 const SIGNIFICANT: f64 = 6.0;
@@ -16,9 +16,9 @@ const SIGNIFICANT: f64 = 6.0;
 #[must_use]
 pub fn displaced(prepared: &PreparedRun, samples: &Samples) -> Option<Inside> {
     let interval_s = interval_s(samples)?;
-    let Displacement { shift_s, std_s, scatter_s, .. } = prepared.displacement?;
+    let Displacement { shift_s, std_s, scatter_s, shown_s, .. } = prepared.displacement?;
     let strength = shift_s.abs() / scatter_s;
-    (shift_s.abs() > LEAST * interval_s && strength > SIGNIFICANT).then(|| Inside {
+    (shown_s > LEAST * interval_s && strength > SIGNIFICANT).then(|| Inside {
         values: vec![(1.0, std_s / shift_s.abs())],
         shape_std: vec![(time_shift::SHIFT.to_owned(), std_s)],
         strength,
