@@ -15,8 +15,9 @@ const LEAST_RATIO: f64 = 1.2;
 const FAR_VARIANCE: f64 = 4.0;
 /// Smallest variance as a part of the mean one.
 const LEAST: f64 = 0.05;
-/// Rows that tell themselves whether their scatter grows with the reading: a quarter of them are large.
-const MANY_ROWS: usize = 200;
+/// Rows that tell themselves whether their scatter grows with the reading: twenty and more of them are large on each axis. To weigh it always costs as
+/// much as all the rest of the noise there.
+const MANY_ROWS: usize = 60;
 /// Standard deviations from which the residuals suggest scatter that grows with the reading, or slow noise of the gain.
 const SUGGESTED: f64 = 2.0;
 /// Rows one after the other of which slow noise of the gain is asked.
