@@ -96,10 +96,10 @@ pub enum Outcome {
     Silent(f64, String),
 }
 
-/// A damage in a kind of run.
-pub struct Cell {
+/// A damage in a kind of run, or in a kind of another input.
+pub struct Cell<K = Kind> {
     pub damage: &'static str,
-    pub kind: Kind,
+    pub kind: K,
     pub outcome: Outcome,
     pub told: String,
 }
@@ -203,7 +203,7 @@ the reason below. `-`: the kind has nothing that the damage could change.\n";
 
 /// The answers that are wrong without a word.
 #[must_use]
-pub fn silent(cells: &[Cell]) -> Vec<&Cell> {
+pub fn silent<K>(cells: &[Cell<K>]) -> Vec<&Cell<K>> {
     cells.iter().filter(|c| matches!(c.outcome, Outcome::Silent(..))).collect()
 }
 

@@ -6,7 +6,7 @@ mod table;
 
 pub use damage::{ALL, Damage, Inputs};
 
-use crate::damages::{Outcome, called, words};
+use crate::damages::{self, Outcome, called, silent, words};
 use crate::repository;
 use calfit::data::time::LeapSeconds;
 use calfit::files::table::series::SeriesTable;
@@ -250,12 +250,7 @@ fn vectors(out: &Path) -> Vectors {
 }
 
 /// A damage in a kind of input.
-pub struct Cell {
-    pub damage: &'static str,
-    pub kind: Kind,
-    pub outcome: Outcome,
-    pub told: String,
-}
+pub type Cell = damages::Cell<Kind>;
 
 /// Some damages in some kinds of input, seen in some levels.
 ///
@@ -352,12 +347,6 @@ inputs, and makes all levels as a user does. `refused`: days or the whole are no
 the mission without damage does not have. `flags`: the vectors that are wrong have a flag that they do not have without damage. A number in\n\
 brackets: not a word, and no vector moves by more than so many of its standard uncertainties. `not visible`: vectors are wrong and nothing in\n\
 the inputs can show it, for the reason below. `-`: the kind has nothing that the damage could change.\n";
-
-/// The fields that are wrong without a word.
-#[must_use]
-pub fn silent(cells: &[Cell]) -> Vec<&Cell> {
-    cells.iter().filter(|c| matches!(c.outcome, Outcome::Silent(..))).collect()
-}
 
 /// The table in Markdown, with the reasons why damages are not visible.
 #[must_use]

@@ -36,7 +36,7 @@ fn main() -> Result<ExitCode, Box<dyn std::error::Error>> {
         print!("{text}");
         let told = cells.iter().filter(|c| is_told && !c.told.is_empty());
         told.for_each(|c| eprintln!("== {} / {}\n{}", c.damage, c.kind.name(), c.told));
-        is_silent |= !flight::silent(&cells).is_empty();
+        is_silent |= !silent(&cells).is_empty();
     }
     Ok(if is_silent { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }

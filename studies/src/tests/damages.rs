@@ -51,5 +51,5 @@ fn flight_inputs_are_never_wrong_without_a_word() {
         "{:?}",
         cells.iter().map(|c| &c.outcome).collect::<Vec<_>>()
     );
-    assert!(flight::silent(&cells).is_empty());
+    assert!(silent(&cells).is_empty());
 }
