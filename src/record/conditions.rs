@@ -1,6 +1,6 @@
 //! What the results of all runs say about the run itself: its head, its temperatures, the plateaus left out, and notes.
 
-use super::temperature_faults::{self, PLAUSIBLE_DEGC};
+use super::temperature_faults;
 use crate::data::error::Severity;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Drop, Plateau, Plateaus};
@@ -297,12 +297,8 @@ fn temperature(
     };
     let count = run.slow_channel(channel).map_or(0, |all| all.len());
     if series.len() < count {
-        let [low, high] = [PLAUSIBLE_DEGC.start(), PLAUSIBLE_DEGC.end()];
-        notes.extend([Note::new(
-            NoteKind::Temperature,
-            format!("{} readings of channel {channel} outside {low} to {high} °C were left out", count - series.len()),
-        )
-        .about(channel)]);
+        let text = temperature_faults::left_out_text(count - series.len(), channel);
+        notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
     }
     let inside: Series = series.iter().copied().filter(|(t, _)| (span_s[0]..=span_s[1]).contains(t)).collect();
     let values: Vec<f64> = inside.iter().map(|(_, v)| *v).collect();

@@ -159,6 +159,13 @@ pub fn readings(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Vec<(f64, f64
     Some(series)
 }
 
+/// What is said of readings that are no temperatures of a sensor or coil, and were left out.
+#[must_use]
+pub fn left_out_text(count: usize, channel: &str) -> String {
+    let [low, high] = [PLAUSIBLE_DEGC.start(), PLAUSIBLE_DEGC.end()];
+    format!("{count} readings of channel {channel} outside {low} to {high} °C were left out")
+}
+
 /// The time of the first reading behind the largest of these jumps, s since the run's start.
 #[must_use]
 pub fn largest_jump_s(run: &Run, name: &str, span_s: [f64; 2]) -> Option<f64> {

@@ -9,7 +9,7 @@ use crate::files::ccr;
 use crate::files::output::Pending;
 use crate::files::table::stream::{Batch, Format, Writer};
 use crate::fit::statistics::median;
-use crate::record::temperature_faults::{PLAUSIBLE_DEGC, faults};
+use crate::record::temperature_faults::{PLAUSIBLE_DEGC, faults, left_out_text};
 use std::path::Path;
 
 /// Hands the vectors of a run to a sink and returns the rest of it.
@@ -126,11 +126,7 @@ impl Thermometer {
                 let count = series.len();
                 series.retain(|(_, degc)| PLAUSIBLE_DEGC.contains(degc));
                 if series.len() < count {
-                    let [low, high] = [PLAUSIBLE_DEGC.start(), PLAUSIBLE_DEGC.end()];
-                    work.counts.notes.push(format!(
-                        "{} readings of channel {channel} outside {low} to {high} °C were left out",
-                        count - series.len()
-                    ));
+                    work.counts.notes.push(left_out_text(count - series.len(), channel));
                 }
                 if let Some(instructions) = instructions {
                     let of_channel = faults(run, instructions).into_iter().filter(|fault| fault.channel == channel);

@@ -77,36 +77,53 @@ impl Pooled {
     /// Prior probability of what a run of the group is asked for.
     pub(super) fn prior(&self, candidate: &Candidate) -> f64 {
         let shown = self.probabilities.get(&candidate.kind.key()).map_or(0.0, |(_, probability)| *probability);
-        OWN * candidate.prior + (1.0 - OWN) * shown
+        believed(candidate.prior, shown)
     }
 
     /// What runs show together that were asked alike.
     fn shown_by(runs: &[&[Candidate]]) -> Self {
-        let mut pooled = Self::default();
+        let mut kinds = BTreeMap::new();
         for candidate in runs.iter().copied().flatten() {
-            pooled.probabilities.insert(candidate.kind.key(), (candidate.kind, candidate.prior));
+            kinds.insert(candidate.kind.key(), (candidate.kind, candidate.prior));
         }
-        let sum: f64 = pooled.probabilities.values().map(|(_, p)| p).sum();
-        pooled.probabilities.values_mut().for_each(|(_, p)| *p /= sum);
+        // Every kind by its number: a step takes each candidate of each run.
+        let keys: Vec<_> = kinds.keys().copied().collect();
+        let numbered: Vec<Vec<(usize, f64, f64)>> = runs
+            .iter()
+            .map(|run| {
+                run.iter()
+                    .filter_map(|c| Some((keys.binary_search(&c.kind.key()).ok()?, c.prior, (-0.5 * c.deviance).exp())))
+                    .collect()
+            })
+            .collect();
+        let sum: f64 = kinds.values().map(|(_, prior)| prior).sum();
+        let mut shown: Vec<f64> = kinds.values().map(|(_, prior)| prior / sum).collect();
         for _ in 0..STEPS {
-            let mut next = pooled.clone();
-            next.probabilities.values_mut().for_each(|(_, p)| *p = 0.0);
-            for run in runs {
-                let weight = |c: &Candidate| pooled.prior(c) * (-0.5 * c.deviance).exp();
+            let mut next = vec![0.0; shown.len()];
+            for run in &numbered {
+                let weight = |&(kind, prior, likelihood): &(usize, f64, f64)| believed(prior, shown[kind]) * likelihood;
                 let sum: f64 = run.iter().map(weight).sum();
-                for candidate in *run {
-                    if let Some((_, p)) = next.probabilities.get_mut(&candidate.kind.key()) {
-                        *p += weight(candidate) / sum / runs.len() as f64;
-                    }
+                for candidate in run {
+                    next[candidate.0] += weight(candidate) / sum / runs.len() as f64;
                 }
             }
-            pooled = next;
+            shown = next;
         }
-        pooled.probabilities.retain(|_, (_, p)| *p > NO_KIND);
-        let sum: f64 = pooled.probabilities.values().map(|(_, p)| p).sum();
-        pooled.probabilities.values_mut().for_each(|(_, p)| *p /= sum);
-        pooled
+        let mut probabilities: BTreeMap<_, _> = kinds
+            .into_iter()
+            .zip(shown)
+            .map(|((key, (kind, _)), p)| (key, (kind, p)))
+            .filter(|(_, (_, p))| *p > NO_KIND)
+            .collect();
+        let sum: f64 = probabilities.values().map(|(_, p)| p).sum();
+        probabilities.values_mut().for_each(|(_, p)| *p /= sum);
+        Self { probabilities }
     }
+}
+
+/// Prior probability of a kind in a run of a group: that of any run, and what the runs show.
+fn believed(prior: f64, shown: f64) -> f64 {
+    OWN * prior + (1.0 - OWN) * shown
 }
 
 /// The noise of the runs of a group, per right-hand side of their fits.
