@@ -4,7 +4,9 @@
 //! at the handful of temperatures of a campaign its correction for small samples decides. Beside it stands the error of
 //! leave-one-out prediction, in closed form through the hat matrix. The criterion has no value for orders with fewer than one or
 //! two points to spare, however plain they are, and next to that limit its correction outweighs any misfit. There the prediction
-//! overrules it, where it is better by a factor and leaves less scatter than points scattering about the lower order give by chance.
+//! overrules it, where it is better by a factor and leaves less scatter than points scattering about the lower order give by chance. Three points
+//! leave one degree of freedom to a line, from which chance alone cannot be told; that their standard deviations are too small by a factor is the less
+//! probable the larger it is, and that a quantity changes with temperature at all needs no proof, so that there both count together.
 //!
 //! Points may carry standard deviations. Runs often scatter by more than those say, and a criterion which believes them then
 //! explains the scatter with coefficients. One which does not believe them cannot tell curvature from scatter in few points.
@@ -182,7 +184,7 @@ pub fn choose(
             (preferred, Some(predicting))
                 if predicting > preferred.unwrap_or(0)
                     && !preferred.is_some_and(is_explained)
-                    && by_chance(&candidates[preferred.unwrap_or(0)], &candidates[predicting]) < UNLIKELY =>
+                    && odds_of_scatter(&candidates[preferred.unwrap_or(0)], &candidates[predicting]) < UNLIKELY =>
             {
                 (predicting, Reason::LeaveOneOut)
             }
@@ -201,11 +203,19 @@ pub fn choose(
     Ok(Chosen { order: candidate.order, reason, polynomial, covariance, inflation, choice, candidates })
 }
 
-/// Probability that points which scatter about a lower order leave so little about a higher one.
-fn by_chance(lower: &Candidate, higher: &Candidate) -> f64 {
+/// Odds of points that scatter about a lower order against a higher one: the probability that they leave so little about the higher one by chance. Of a
+/// line whose points are within their standard deviations, against a constant, that of standard deviations which are too small by so much counts as
+/// well, `P(factor > f) = 1 / f`.
+fn odds_of_scatter(lower: &Candidate, higher: &Candidate) -> f64 {
     let [gained, left] = [lower.dof - higher.dof, higher.dof].map(|dof| dof as f64);
     let f = (lower.rss - higher.rss) / gained / (higher.rss / left);
-    fisher_tail(f, [gained, left])
+    let by_chance = fisher_tail(f, [gained, left]);
+    match (lower.chi2, higher.chi2) {
+        (Some(scattering), Some(left)) if higher.order == 1 && excess(left, higher.dof) == 1.0 => {
+            by_chance / excess(scattering, lower.dof)
+        }
+        _ => by_chance,
+    }
 }
 
 /// Factor by which the standard deviation of a polynomial at the points, root mean square, grows with the orders that it might have as well.
