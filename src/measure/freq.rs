@@ -101,9 +101,8 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     conditions::warn_of_run(&mut notes, run, instructions);
     let stretches = measured.iter().zip(&applied.settings).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
     let corner = respond(&mut measured, &referred.compared, &mut notes);
-    let moved_k = temperatures.moved_k();
-    let f_3db_model_degc = moved_k.map(|_| moving::of_corners(&corner, &measured, &temperatures.sensor));
-    notes.extend(moved_k.zip(f_3db_model_degc.as_ref()).map(|(range_k, degc)| moving::note(range_k, degc)));
+    let f_3db_model_degc = temperatures.beside_the_mean(moving::of_corners(&corner, &measured, &temperatures.sensor));
+    notes.extend(temperatures.moved_k().map(|range_k| moving::note(range_k, f_3db_model_degc.as_ref())));
     let f_3db_model_std_hz = widen(&applied.known, &mut measured, &corner);
     // The sampling frequency holds where the run tells it best.
     let moved = 1.0 + applied.known.clock(clock.centre_s + applied.begin_s(clock.mean_hz));

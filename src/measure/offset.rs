@@ -36,9 +36,6 @@ use serde::{Deserialize, Serialize};
 use solved::Solved;
 use stay::{Stay, pooled, stays};
 
-/// What thermometers tell, K.
-const LEAST_DIFFERENCE_K: f64 = 0.02;
-
 /// How an offset analysis is made.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -186,10 +183,8 @@ fn temperatures_of_visits(stays: &[Stay], temperatures: &Temperatures) -> Vec<f6
 /// Temperatures at which the offsets hold, °C: an offset that follows the temperature in a straight line is what it is there. `None` where they are
 /// those of the run within what thermometers tell.
 fn temperatures_of_offsets(solved: &Solved, visits_degc: &[f64], temperatures: &Temperatures) -> Option<[f64; 3]> {
-    let [_, mean_degc, _] = temperatures.sensor_degc()?;
     let of = |counts: &Vec<f64>| counts.iter().zip(visits_degc).map(|(count, degc)| count * degc).sum::<f64>();
-    let degc = solved.counts_by_visit.each_ref().map(of);
-    degc.iter().any(|t| (t - mean_degc).abs() > LEAST_DIFFERENCE_K).then_some(degc)
+    temperatures.beside_the_mean(solved.counts_by_visit.each_ref().map(of))
 }
 
 /// Says of a sensor temperature that moved what it means.

@@ -15,6 +15,9 @@ use crate::model::lag::Lag;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
+/// Difference of two mean temperatures of one thermometer in a run that its readings tell, K.
+const LEAST_DIFFERENCE_K: f64 = 0.005;
+
 /// Parts of plateaus whose lengths differ by less than this share are compared together.
 const SAME_LENGTH: f64 = 1e-3;
 
@@ -91,6 +94,14 @@ impl Temperatures {
     #[must_use]
     pub fn moved_k(&self) -> Option<f64> {
         self.sensor_degc().map(|[low, _, high]| high - low).filter(|range_k| *range_k > AT_REST_K)
+    }
+
+    /// The temperatures at which the values of the components hold, °C, where one of them is another than the mean of the run as far as thermometers
+    /// tell.
+    #[must_use]
+    pub fn beside_the_mean(&self, degc: [f64; 3]) -> Option<[f64; 3]> {
+        let [_, mean_degc, _] = self.sensor_degc()?;
+        degc.iter().any(|t| (t - mean_degc).abs() > LEAST_DIFFERENCE_K).then_some(degc)
     }
 
     /// Smallest and largest sensor temperature, °C.
@@ -337,8 +348,9 @@ fn temperature(
         }
     }
     let mean = mean_in_time(&series, span_s);
-    let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    // Few readings need not lie on both sides of a mean that is taken straight to the ends of the time.
+    let low = values.iter().copied().fold(mean, f64::min);
+    let high = values.iter().copied().fold(mean, f64::max);
     (series, Some([low, mean, high]))
 }
 

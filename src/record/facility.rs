@@ -6,7 +6,7 @@ use super::temperature_faults;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::result::AT_REST_K;
-use crate::data::run::{Run, interpolate};
+use crate::data::run::{Run, interpolate, mean_over};
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
 use crate::model::coil::Coil;
@@ -257,7 +257,7 @@ fn degc_of(run: &Run, channel: &str, spans_s: &[[f64; 2]]) -> Option<Course> {
         let from = series.partition_point(|(t, _)| t < begin);
         let inside = &series[from..series.partition_point(|(t, _)| t <= end).max(from)];
         if !inside.is_empty() {
-            return inside.iter().map(|(_, v)| v).sum::<f64>() / inside.len() as f64;
+            return mean_over(&series, [*begin, *end]);
         }
         let before_s = from.checked_sub(1).map_or(f64::INFINITY, |i| begin - series[i].0);
         let after_s = series.get(from).map_or(f64::INFINITY, |(t, _)| t - end);

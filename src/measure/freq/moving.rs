@@ -74,13 +74,14 @@ fn of_corner(
 }
 
 /// Says of a sensor temperature that moved what it means.
-pub(super) fn note(range_k: f64, corners_degc: &[f64; 3]) -> Note {
-    let at: Vec<String> = COMPONENTS.iter().zip(corners_degc).map(|(name, degc)| format!("{name} {degc:.1}")).collect();
+pub(super) fn note(range_k: f64, corners_degc: Option<&[f64; 3]>) -> Note {
+    let corners = corners_degc.map_or_else(String::new, |degc| {
+        let at: Vec<String> = COMPONENTS.iter().zip(degc).map(|(name, degc)| format!("{name} {degc:.1}")).collect();
+        format!("; the -3 dB frequencies of the model hold at {} °C, those by interpolation at about the same", at.join(", "))
+    });
     let text = format!(
         "the sensor temperature moved by {range_k:.1} K while one frequency after the other was applied: amplitudes belong to no single \
-         temperature; the -3 dB frequencies of the model hold at {} °C, those by interpolation at about the same; what the gain follows of the \
-         temperature in between is in no uncertainty",
-        at.join(", ")
+         temperature{corners}; what the gain follows of the temperature in between is in no uncertainty"
     );
     Note::new(NoteKind::Temperature, text).with_remedy("measure at a steady temperature")
 }

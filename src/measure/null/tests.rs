@@ -201,6 +201,23 @@ fn a_line_has_its_frequency_and_amplitude() {
 }
 
 #[test]
+fn a_strong_line_between_bins_leaves_the_noise_beside_it_as_it_is() {
+    // Hann's side lobes of a line a hundred times the noise stand above it in ten bins and more.
+    let expected = 0.1 * 0.5f64.sqrt();
+    for (seed, amplitude, f_hz) in [(1, 1.0, 0.8), (2, 10.0, 0.8), (3, 10.0, 1.3312)] {
+        let mut noise = white(seed, 0.1);
+        let p = Night::new(4.0, 14_400).result(1, |t| noise().map(|v| v + amplitude * (2.0 * PI * f_hz * t + 0.3).sin()));
+        let density = p.found.density.unwrap();
+        for c in 0..3 {
+            let std = density.std_ent_per_root_hz[c];
+            assert!((density.ent_per_root_hz[c] - expected).abs() < 3.5 * std, "{amplitude}: {density:?}");
+            let white = p.found.corner.white_ent_per_root_hz[c];
+            assert!((white / expected - 1.0).abs() < 0.04, "{amplitude}: {white}");
+        }
+    }
+}
+
+#[test]
 fn allan_deviations_of_white_noise_and_of_a_drift_are_the_closed_forms() {
     let rate_hz = 64.0;
     let mut noise = white(5, 0.2);

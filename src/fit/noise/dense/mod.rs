@@ -417,10 +417,13 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
         }
         let readings = scatter.map(|s| s[1].column(a).into_owned());
         if let Some(squares) = readings.as_ref().and_then(|r| spread::may_grow(&fitted, solution, a, &base, r)) {
+            // Slow noise that is improbable without growth is left out beside it as well: its covariance is all of the cost.
+            let is_slow = average.suspects_slow_noise();
             for (growth, size) in GROWTHS.iter().enumerate() {
                 let with = squares.zip_map(&base, |u, s| s * (1.0 + size * u));
-                let projected = Projected::of(&fitted, &with, &kernels[0]);
-                average.try_growth(growth, projected.likelihood(a), projected.log_scale - log_scale);
+                let projected =
+                    if is_slow { Projected::of(&fitted, &with, &kernels[0]) } else { Projected::white(&fitted, &with) };
+                average.try_growth((growth, is_slow), projected.likelihood(a), projected.log_scale - log_scale);
                 spread.push(with);
             }
         }

@@ -161,11 +161,12 @@ impl<'a> Average<'a> {
         }
     }
 
-    /// Tries scatter between the rows that grows with the reading, beside the slow noise that was found most likely.
-    pub fn try_growth(&mut self, growth: usize, likelihood: Likelihood, offset: f64) {
-        let none = self.told(0, (0.0, PRIOR_NONE));
-        let mut all = vec![none];
-        all.extend(ratios().map(|(ratio, prior)| self.told(0, (ratio, prior * (1.0 - PRIOR_NONE)))));
+    /// Tries scatter between the rows that grows with the reading, alone or beside 1/f noise as well.
+    pub fn try_growth(&mut self, (growth, is_slow): (usize, bool), likelihood: Likelihood, offset: f64) {
+        let mut all = vec![self.told(0, (0.0, PRIOR_NONE))];
+        if is_slow {
+            all.extend(ratios().map(|(ratio, prior)| self.told(0, (ratio, prior * (1.0 - PRIOR_NONE)))));
+        }
         all.retain(|t| t.deviance < self.lowest_inside + IMPROBABLE);
         for t in all {
             let t = Told { prior: t.prior * PRIOR_GROWING / GROWTHS.len() as f64, deviance: t.deviance + offset, ..t };

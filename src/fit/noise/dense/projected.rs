@@ -7,8 +7,8 @@
 use super::Fitted;
 use super::likelihood::Likelihood;
 use super::relaxations::Relaxations;
-use nalgebra::linalg::SymmetricTridiagonal;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::linalg::{QR, SymmetricTridiagonal};
+use nalgebra::{DMatrix, DVector, Dyn};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
@@ -40,21 +40,20 @@ impl Projected {
         Self::with(fitted, spread, slow, fitted.columns.nrows() <= FEW_ROWS)
     }
 
+    /// White noise alone, whose likelihood has no slow one: one pass over the rows.
+    pub fn white(fitted: &Fitted, spread: &DVector<f64>) -> Self {
+        let (n, p) = fitted.columns.shape();
+        let White { factors, unexplained: mut data, log_scale, .. } = White::of(fitted, spread);
+        factors.q_tr_mul(&mut data);
+        let data = data.rows(p, n - p).into_owned();
+        let form = Form::Tridiagonal { diagonal: DVector::zeros(n - p), off_diagonal: DVector::zeros(n - p), data };
+        Self { form, log_scale }
+    }
+
     pub(super) fn with(fitted: &Fitted, spread: &DVector<f64>, slow: &Relaxations, few: bool) -> Self {
         let (n, p) = fitted.columns.shape();
-        let roots = spread.map(|s| s.sqrt().recip());
-        let scaled = |matrix: &DMatrix<f64>| {
-            let mut scaled = matrix.clone();
-            for (mut row, root) in scaled.row_iter_mut().zip(&roots) {
-                row *= *root;
-            }
-            scaled
-        };
-        let factors = scaled(&fitted.columns).qr();
-        let normal: f64 = factors.r().diagonal().iter().map(|d| d.abs().ln()).sum();
-        let log_scale = spread.iter().map(|s| s.ln()).sum::<f64>() + 2.0 * normal;
+        let White { roots, factors, unexplained, log_scale } = White::of(fitted, spread);
         let slow = slow.scaled(|row| roots[row]);
-        let unexplained = scaled(&fitted.residuals);
         if !few {
             let form = Form::Series(Series::new(slow, &factors.q(), &unexplained));
             return Self { form, log_scale };
@@ -83,6 +82,32 @@ impl Projected {
             }
             Form::Series(series) => Likelihood::Series { series, component: a },
         }
+    }
+}
+
+/// Design and residuals in rows of unit white variance.
+struct White {
+    /// Factors on the rows.
+    roots: DVector<f64>,
+    factors: QR<f64, Dyn, Dyn>,
+    unexplained: DMatrix<f64>,
+    log_scale: f64,
+}
+
+impl White {
+    fn of(fitted: &Fitted, spread: &DVector<f64>) -> Self {
+        let roots = spread.map(|s| s.sqrt().recip());
+        let scaled = |matrix: &DMatrix<f64>| {
+            let mut scaled = matrix.clone();
+            for (mut row, root) in scaled.row_iter_mut().zip(&roots) {
+                row *= *root;
+            }
+            scaled
+        };
+        let factors = scaled(&fitted.columns).qr();
+        let normal: f64 = factors.r().diagonal().iter().map(|d| d.abs().ln()).sum();
+        let log_scale = spread.iter().map(|s| s.ln()).sum::<f64>() + 2.0 * normal;
+        Self { unexplained: scaled(&fitted.residuals), roots, factors, log_scale }
     }
 }
 
