@@ -188,13 +188,45 @@ fn a_drift_between_positions_is_estimated_where_they_repeat() {
 
 #[test]
 fn zero_field_alone_is_enough_for_a_sensor_on_the_nominal_axes() {
-    let truth = Truth { xi_deg: [90.0; 3], turned_deg: [0.0; 3], sigma: [1.0; 3], ..Truth::default() };
-    let plan = Plan { truth, settings: programme(&[1, 2, 3, 4], false), ..plan(&POSITIONS, &[1]) };
+    // What a sensitivity is nobody knows where no field is applied: the residual field in nT is read with 1 nT/enT.
+    let truth = Truth { xi_deg: [90.0; 3], turned_deg: [0.0; 3], sigma: [1.04, 0.97, 1.05], ..Truth::default() };
+    let plan =
+        Plan { truth, settings: programme(&[1, 2, 3, 4], false), residual_nt: [40.0, -70.0, 110.0], ..plan(&POSITIONS, &[1]) };
     let opf = measure(&plan);
     for i in 0..3 {
         within(number(&opf, &format!("offset_ent.{i}")), plan.truth.offset_ent[i], number(&opf, &format!("offset_std_ent.{i}")));
+        let residual = |key: &str| number(&opf, &format!("{key}.{i}"));
+        within(residual("residual_coil_nt"), plan.residual_nt[i], residual("residual_coil_std_nt"));
+        let variance = number(&opf, &format!("covariance.matrix.{0}.{0}", 3 + i));
+        assert!((variance.sqrt() / residual("residual_coil_std_nt") - 1.0).abs() < 1e-9);
     }
-    says(&opf["warnings"].to_string(), &["fields were not applied along all axes"]);
+    says(&opf["warnings"].to_string(), &["fields were not applied along all axes", "sensitivities of 1 within 5 %"]);
+}
+
+/// A field that changes with every turn and comes back with its position: three visits to each position know no more of the offset than one.
+#[test]
+fn what_belongs_to_a_position_is_no_noise_of_its_visits() {
+    let jumps_ent = [[2.0, -1.0, 1.5], [-1.5, 2.5, 0.5], [0.5, 1.5, -2.0], [-1.0, -2.0, 1.0]];
+    let std_ent = |order: &[u32]| {
+        let still = plan(&POSITIONS, order);
+        let visit_s = still.settings.last().unwrap().t_end / order.len() as f64;
+        let mut run = still.run().key("kind", "\"offset\"").key("configuration", "\"OFFSET_200.MAG\"");
+        for sample in &mut run.samples {
+            let visit = ((sample.t / visit_s) as usize).min(order.len() - 1);
+            for (value, jump) in sample.reading.iter_mut().zip(jumps_ent[order[visit] as usize - 1]) {
+                *value += jump;
+            }
+        }
+        let case = case(&still);
+        case.put(common::RUN_FILE, run.text());
+        let output = case.run("offset", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        three(&opf(&case), "offset_std_ent")
+    };
+    let (once, thrice) = (std_ent(&[1, 2, 3, 4]), std_ent(&[1, 2, 3, 4, 1, 2, 3, 4, 1, 2, 3, 4]));
+    for (once, thrice) in once.into_iter().zip(thrice) {
+        assert!((0.75..1.33).contains(&(thrice / once)), "{once} {thrice}");
+    }
 }
 
 #[test]

@@ -238,7 +238,10 @@ fn notes(parts: &Coefficients, files: &str) -> Vec<Note> {
     if parts.offset == Some(OffsetQuantity::BOr) {
         let text =
             "the offset is b_or: that of the sensor together with the residual field of the coil system where it was calibrated";
-        notes.push(Note::new(NoteKind::Method, text).with_remedy("name a TOF or OPF file for the offset of the sensor alone"));
+        notes.push(
+            Note::new(NoteKind::Method, text)
+                .with_remedy("for the offset of the sensor alone apply the TPF and TOF files of `calfit thermal`"),
+        );
     }
     if parts.covariance.is_none() {
         let text = format!("{files} state no covariance of all coefficients, so that the field has no uncertainty");

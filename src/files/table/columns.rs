@@ -1,5 +1,6 @@
 //! Tables of other software, Parquet and Arrow IPC, whole: their columns with the types that they have, times among them.
 
+use super::frames::Pieces;
 use super::guard::guarded;
 use crate::data::error::Finding;
 use crate::files::import::{Cells, Format};
@@ -39,9 +40,6 @@ pub fn read(path: &Path, format: Format) -> Result<Vec<(String, Cells)>, Finding
     }
     Ok(list)
 }
-
-/// A column: its name, its type, its pieces.
-type Pieces = (String, ArrowDataType, Vec<Box<dyn Array>>);
 
 fn ipc(path: &Path) -> Result<Vec<Pieces>, Finding> {
     let mut file = BufReader::new(open(path)?);

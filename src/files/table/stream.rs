@@ -1,5 +1,7 @@
 //! Long tables, read and written batch by batch: CSV, Parquet, Arrow IPC.
 
+use super::columns::ParquetFile;
+use super::frames::{frame_of, is_own};
 use super::guard::guarded;
 use super::wrong;
 use crate::data::error::Finding;
@@ -14,6 +16,7 @@ use polars::prelude::{
     PolarsError, SerReader, SerWriter,
 };
 use polars_arrow::io::ipc::read::{FileReader, read_file_metadata};
+use polars_arrow::record_batch::RecordBatch;
 use std::collections::HashSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read};
@@ -40,7 +43,14 @@ pub struct Reader {
 
 enum Rows {
     Csv(Box<CsvRows>),
-    Parquet { pieces: Box<dyn Iterator<Item = (usize, usize)> + Send> },
+    Parquet {
+        pieces: Box<dyn Iterator<Item = (usize, usize)> + Send>,
+    },
+    /// Parquet with columns of other types, group by group.
+    Columns {
+        file: Box<ParquetFile>,
+        group: usize,
+    },
     Ipc(Box<FileReader<BufReader<File>>>),
 }
 
@@ -56,7 +66,7 @@ struct CsvRows {
     begun: bool,
 }
 
-fn refuse(path: &Path, error: &PolarsError) -> Finding {
+pub(super) fn refuse(path: &Path, error: &PolarsError) -> Finding {
     let file = path.display().to_string();
     if error.to_string().contains("more fields than defined") {
         let remedy =
@@ -78,6 +88,10 @@ impl Reader {
         let source = match Format::of_name(path) {
             Some(Format::Csv) => Rows::Csv(Box::new(CsvRows::open(path, open()?)?)),
             Some(Format::Parquet) => {
+                let file = ParquetFile::open(path)?;
+                if !file.fields().all(|field| is_own(&field.dtype)) {
+                    return Ok(Self { path: path.to_owned(), source: Rows::Columns { file: Box::new(file), group: 0 }, done: 0 });
+                }
                 let mut reader = ParquetReader::new(open()?);
                 let metadata = guarded(path, || reader.get_metadata().map_err(|e| refuse(path, &e)))?;
                 let groups: Vec<usize> = metadata.row_groups.iter().map(|group| group.num_rows()).collect();
@@ -113,7 +127,27 @@ impl Reader {
             },
             Rows::Ipc(reader) => {
                 let next = guarded(&self.path, || reader.next().transpose().map_err(|e| refuse(&self.path, &e)))?;
-                next.map(DataFrame::from)
+                let columns = |batch: RecordBatch| {
+                    let rows = batch.len();
+                    let (schema, arrays) = batch.into_schema_and_arrays();
+                    let named = schema.iter_values().map(|field| (field.name.to_string(), field.dtype.clone()));
+                    let pieces = named.zip(arrays).map(|((name, dtype), array)| (name, dtype, vec![array])).collect();
+                    frame_of(&self.path, rows, pieces)
+                };
+                next.map(columns).transpose()?
+            }
+            Rows::Columns { file, group } => {
+                let rows = file.group_rows();
+                let last = rows.len().max(1);
+                if *group >= last {
+                    None
+                } else {
+                    let columns = file.fields().map(|f| Ok((f.name.to_string(), f.dtype.clone(), file.pieces(f, &[*group])?)));
+                    let columns = columns.collect::<Result<_, Finding>>()?;
+                    let frame = frame_of(&self.path, rows.get(*group).copied().unwrap_or_default(), columns)?;
+                    *group += 1;
+                    Some(frame)
+                }
             }
         };
         let before = self.done;

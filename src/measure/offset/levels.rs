@@ -19,6 +19,8 @@ const LEAST_FIELD: f64 = 1e-6;
 const ROUNDING: f64 = 1e-9;
 /// Angle, rad, by which a sensor may miss its nominal axes where the run does not show it.
 pub(super) const NOMINAL_TILT: f64 = 0.02;
+/// Share by which a sensitivity may miss 1 nT/enT where no field is applied that shows it.
+pub(super) const NOMINAL_GAIN: f64 = 0.05;
 /// Probability that noise alone makes as large a change within the visits, in any component.
 const NO_NOISE: f64 = 1e-3;
 /// Degrees of freedom with which the scatter of the plateau means tells their noise.
@@ -28,7 +30,7 @@ const ENOUGH_FREEDOM: usize = 3;
 /// response to applied fields in every position.
 pub(super) struct Levels {
     /// Ids of the positions of the visits.
-    positions: Vec<u32>,
+    pub positions: Vec<u32>,
     /// Reading at zero applied field, visits x components, enT.
     pub reading_ent: DMatrix<f64>,
     /// Response per visit, enT/nT: rows are components, columns coil axes.

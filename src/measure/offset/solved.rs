@@ -1,6 +1,6 @@
 //! Offset and residual field from the zero levels of the visits.
 
-use super::levels::{Levels, NOMINAL_TILT};
+use super::levels::{Levels, NOMINAL_GAIN, NOMINAL_TILT};
 use super::refusal::OffsetError;
 use super::sight::Sight;
 use super::stay::{Stay, ids};
@@ -227,7 +227,7 @@ impl<'a> Answer<'a> {
         self.values = solution.coefficients.column(0).into_owned();
         self.chi_square = solution.residuals.norm_squared();
         self.degrees_of_freedom = solution.dof;
-        self.widened = order::excess(self.chi_square, solution.dof);
+        self.widened = order::excess(self.chi_square, solution.dof).max(self.excess_of_positions());
         self.covariance = &solution.unscaled_covariance * self.widened.powi(2);
         for (at, j) in self.kept.iter().enumerate().filter(|(_, j)| (RESIDUAL..DRIFT).contains(*j)) {
             self.residual_nt[j - RESIDUAL] = self.values[at];
@@ -240,10 +240,40 @@ impl<'a> Answer<'a> {
         self.assumed_nt = read.chain(determined).map(f64::abs).fold(0.0, f64::max);
     }
 
+    /// Factor on the uncertainties that the disagreement of the positions asks for: what belongs to a position, as a field that changes with every turn, is
+    /// the same in all its visits, and these are no more than one then.
+    fn excess_of_positions(&self) -> f64 {
+        let positions = &self.levels.positions;
+        let visits = positions.len();
+        let mut ids = positions.clone();
+        ids.sort_unstable();
+        ids.dedup();
+        let mean = DMatrix::from_fn(3 * ids.len(), 3 * visits, |row, column| {
+            let is_own = row / ids.len() == column / visits && positions[column % visits] == ids[row % ids.len()];
+            if is_own { 1.0 / positions.iter().filter(|p| **p == ids[row % ids.len()]).count() as f64 } else { 0.0 }
+        });
+        // A drift acts within the positions.
+        let parameters = self.kept.iter().filter(|j| **j < DRIFT).count();
+        let left = &mean * (&self.readings - &self.design * &self.values);
+        match (&mean * &self.of_readings * mean.transpose()).cholesky() {
+            Some(factors) if left.len() > parameters && ids.len() < visits => {
+                order::excess(left.dot(&factors.solve(&left)), left.len() - parameters)
+            }
+            _ => 1.0,
+        }
+    }
+
     /// Value and standard uncertainty of a parameter.
     fn parameter(&self, j: usize) -> (f64, f64) {
         let value = self.kept.iter().position(|k| *k == j).map_or(f64::NAN, |at| self.values[at]);
-        (value, self.combined(|k| f64::from(u8::from(k == j))).1)
+        let of_gain = if (RESIDUAL..DRIFT).contains(&j) { self.of_gain_nt(j - RESIDUAL) } else { 0.0 };
+        (value, self.combined(|k| f64::from(u8::from(k == j))).1.hypot(of_gain))
+    }
+
+    /// Standard uncertainty of the residual field along a coil axis by that of the sensitivities, nT, where no field was applied that shows them. In enT
+    /// the residual field is as it was read.
+    fn of_gain_nt(&self, axis: usize) -> f64 {
+        if self.levels.directions.iter().all(Vec::is_empty) { NOMINAL_GAIN * self.residual_nt[axis].abs() } else { 0.0 }
     }
 
     /// Value and standard uncertainty of a sum of parameters with factors.
@@ -295,10 +325,14 @@ impl<'a> Answer<'a> {
     /// Covariance of the parameters without those of refused components.
     fn covariance(&self) -> Covariance {
         let shown = self.shown();
+        let mut covariance = self.covariance.clone();
+        for (at, j) in self.kept.iter().enumerate().filter(|(_, j)| (RESIDUAL..DRIFT).contains(*j)) {
+            covariance[(at, at)] += self.of_gain_nt(j - RESIDUAL).powi(2);
+        }
         Covariance {
             parameters: shown.iter().map(|at| NAMES[self.kept[*at]].to_owned()).collect(),
             units: shown.iter().map(|at| UNITS[self.kept[*at]].to_owned()).collect(),
-            matrix: shown.iter().map(|r| shown.iter().map(|c| self.covariance[(*r, *c)]).collect()).collect(),
+            matrix: shown.iter().map(|r| shown.iter().map(|c| covariance[(*r, *c)]).collect()).collect(),
         }
     }
 
@@ -402,8 +436,13 @@ impl Solved {
         }
         if self.method.response == "nominal" {
             let text = format!(
-                "fields were not applied along all axes in every position: the sensor is taken to lie along the nominal axes within {:.1}°",
-                NOMINAL_TILT.to_degrees()
+                "fields were not applied along all axes in every position: the sensor is taken to lie along the nominal axes within {:.1}°{}",
+                NOMINAL_TILT.to_degrees(),
+                if levels.directions.iter().all(Vec::is_empty) {
+                    format!(", and to have sensitivities of 1 within {:.0} %, for the residual field in nT", 100.0 * NOMINAL_GAIN)
+                } else {
+                    String::new()
+                }
             );
             notes.push(Note::new(NoteKind::Method, text));
         }
