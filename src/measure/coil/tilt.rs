@@ -29,8 +29,8 @@ pub struct Options {
 }
 
 /// An orientation is left out where the scatter without it is so much less, in scale factors, offsets and angles together, as it is by chance less often
-/// than this for the best of all orientations.
-const UNLIKELY: f64 = 0.01;
+/// than this for the best of all orientations. The fourth orientation of CH-GFZ-TR-2601, which the report leaves out, has 0.02.
+const UNLIKELY: f64 = 0.05;
 /// So many orientations must remain.
 const LEAST_LEFT: usize = 3;
 /// Scatter of scale factors, offsets (nT) and angles (degrees) that is rounding.
@@ -441,14 +441,15 @@ mod tests {
 
     /// The four orientations of CHAMP, with noise and one disturbed orientation.
     fn four(random: &mut Random, disturbed: Option<usize>) -> Vec<(Position, SensorValues)> {
-        ["+X +Y +Z", "-X -Y +Z", "+Y -X +Z", "+X +Z -Y"]
+        ["+X +Y +Z", "-Y +X +Z", "-Z +Y +X", "-Z +X -Y"]
             .iter()
             .enumerate()
             .map(|(i, name)| {
                 let size = if disturbed == Some(i) { 100.0 } else { 1.0 };
                 let mut scattered = |std: f64| -> [f64; 3] { std::array::from_fn(|_| size * std * random.gaussian()) };
-                let values = SensorValues { scale: scattered(1e-6), offset_nt: scattered(0.1), angles_deg: scattered(1e-4) };
-                (Position::from_orientation(name).unwrap(), values)
+                let [scale, offset_nt, angles] = [1e-6, 0.1, 1e-4].map(&mut scattered);
+                let (scale, angles_deg) = (scale.map(|s| 1.0 + s), angles.map(|a| 90.0 + a));
+                (Position::from_orientation(name).unwrap(), SensorValues { scale, offset_nt, angles_deg })
             })
             .collect()
     }
@@ -461,8 +462,8 @@ mod tests {
             let sets = (0..SETS).map(|_| odd_one_out(&four(&mut random, disturbed)).unwrap());
             sets.filter(|out| out.is_some() && (disturbed.is_none() || *out == disturbed)).count()
         };
-        // The probability of the best of four is at most the sum of four: 1 % of the sets, with a standard deviation of 0.45 %.
-        assert!(left_out(None) < SETS * 3 / 100);
+        // The probability of the best of four is at most the sum of four: 5 % of the sets, with a standard deviation of 1 %.
+        assert!(left_out(None) < SETS * 8 / 100);
         assert!(left_out(Some(2)) > SETS * 9 / 10);
     }
 }
