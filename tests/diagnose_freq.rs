@@ -4,6 +4,8 @@
 use crate::common;
 
 use common::check::{Case, calfit, text};
+use common::{Gauss, Plan, RUN_ID, Run, sines};
+use std::f64::consts::TAU;
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -98,5 +100,63 @@ fn the_amplitude_tables_of_2013_name_their_outliers_and_the_response() {
         } else {
             assert!(named.iter().all(|hz| *hz > 100.0), "{name}: {named:?}");
         }
+    }
+}
+
+/// Sines on all axes, each setting with a phase of its own, through a second order of 50, 55 and 60 Hz and one pole more at `pole_hz`;
+/// `time_s` is what a clock with the time tags of the run has passed.
+fn with_sines(seed: u64, pole_hz: f64, time_s: impl Fn(f64) -> f64) -> Run {
+    let frequencies_hz = [890.0, 13.0, 1.7, 350.0, 61.0, 5.3, 610.0, 29.0, 150.0, 0.7, 97.0, 240.0, 470.0, 42.0];
+    let mut plan = Plan { settings: sines(&frequencies_hz, 1000.0), ..Plan::default() };
+    plan.settings.iter_mut().for_each(|setting| setting.field = [1000.0; 3]);
+    let (truth, mut gauss) = (plan.truth.clone(), Gauss(seed));
+    let mut run = plan.run().key("kind", "\"frequency\"").key("configuration", "\"FREQ1000.MAG\"");
+    run.reading_decimals = 4;
+    let (zero, full) = (truth.reading([0.0; 3]), truth.reading([1000.0; 3]));
+    for sample in &mut run.samples {
+        sample.reading = zero;
+        let t = time_s(sample.t);
+        if let Some((k, setting)) = run.settings.iter().enumerate().find(|(_, s)| (s.t_start..s.t_end).contains(&t)) {
+            let f = setting.frequency;
+            for (i, own_hz) in [50.0, 55.0, 60.0].into_iter().enumerate() {
+                let (ratio, pole) = (f / own_hz, f / pole_hz);
+                let (re, im) = (1.0 - ratio * ratio, ratio / 0.7);
+                let gain = (re.hypot(im) * pole.hypot(1.0)).recip();
+                let phase = f * (t - setting.t_start) + (k * k) as f64 * 0.13;
+                let angle = TAU * phase.fract() - im.atan2(re) - pole.atan();
+                sample.reading[i] += (full[i] - zero[i]) * gain * angle.sin();
+            }
+        }
+        (0..3).for_each(|i| sample.reading[i] += 0.3 * gauss.normal());
+    }
+    run
+}
+
+/// `diagnosis.json` of a run.
+fn diagnosed(run: &Run) -> serde_json::Value {
+    let case = Case::of(run.text());
+    let output = case.run("diagnose", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    serde_json::from_slice(&fs::read(case.out().join(RUN_ID).join("diagnosis.json")).unwrap()).unwrap()
+}
+
+/// A clock that drifts by 2e-5 over the run has the wrong frequency in most settings, by a tenth of a turn at their ends: nothing is lost.
+#[test]
+fn a_clock_that_drifts_loses_no_samples() {
+    let found = diagnosed(&with_sines(3, f64::INFINITY, |t| t - 1e-5 * t * (t / 180.0 - 1.0)));
+    let certain = found["steps"].as_array().unwrap().iter().filter(|s| s["wording"] == "is");
+    assert_eq!(certain.map(|s| s["effect"].as_str().unwrap()).collect::<Vec<&str>>(), ["clock_drift"]);
+}
+
+/// Where amplitudes alone tell a further pole, the square of what does not pass it counts, and no slope tells its uncertainty.
+#[test]
+fn a_further_pole_has_an_uncertainty_in_every_run() {
+    for seed in 1..5 {
+        let found = diagnosed(&with_sines(seed, 150.0, |t| t));
+        let step = &found["steps"].as_array().unwrap()[0];
+        assert_eq!(step["effect"], "eddy_current_attenuation", "{seed}");
+        let part = step["parameters"].as_array().unwrap().iter().find(|p| p["name"] == "part").unwrap();
+        let [value, std] = ["value", "std"].map(|key| part[key].as_f64().unwrap());
+        assert!((value - 1.0).abs() < 4.0 * std && std < 0.1, "{seed}: {value} +- {std}");
     }
 }

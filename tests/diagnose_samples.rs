@@ -155,6 +155,28 @@ fn a_heater_in_zero_field_has_its_period_and_its_size() {
     }
 }
 
+/// A heater current on x beside 150 plateaus of one length: what their means take of a current that is slower than they are comes again at their
+/// rate, and is no signal of its own.
+#[test]
+fn a_heater_beside_plateaus_of_one_length_has_its_period_and_its_size() {
+    let field = |i: usize| [0.7, 1.9, 3.1].map(|turn: f64| 2000.0 * (turn * (i * i) as f64).sin());
+    for (plateau_s, pause_s, period_s, duty) in [(7.5, 0.0, 22.0, 0.5), (7.0, 0.5, 23.7, 0.4)] {
+        let begin = |i: usize| 1.0 + (plateau_s + pause_s) * i as f64;
+        let settings = (0..150).map(|i| Setting::constant(begin(i), begin(i) + plateau_s, field(i), 1)).collect();
+        let mut run = Plan { settings, rate_hz: 16.0, noise_ent: 0.1, ..Plan::default() }.run();
+        for sample in &mut run.samples {
+            sample.reading[0] += if (sample.t / period_s).fract() < duty { 0.2 } else { 0.0 };
+        }
+        let found = diagnosed(&run);
+        assert_eq!(named(&found), ["heater_pwm"], "{plateau_s} s, {period_s} s: {}", found["steps"]);
+        let step = &found["steps"][0];
+        for (name, truth) in [("period", period_s), ("a_x", 0.2)] {
+            let [said, std] = parameter(step, name);
+            assert!((said.abs() - truth).abs() < 4.0 * std, "{period_s} s: {name} {said} +- {std}");
+        }
+    }
+}
+
 /// The first sample after an edge is a third on its way; three samples are another matter.
 #[test]
 fn a_sample_on_the_edge_is_no_displacement() {

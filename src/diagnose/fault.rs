@@ -5,7 +5,7 @@ use super::candidate::Candidate;
 use super::explanations::Explanation;
 use super::means::{HeldOut, Means, gap};
 use super::one_run::given_between;
-use super::result::{Evidence, Gap, RunnerUp};
+use super::result::{Evidence, Gap, RunnerUp, Telling};
 use super::steps::{Facts, Name, fault_facts};
 use super::{APART, Given};
 use crate::data::note::{Note, NoteKind};
@@ -152,7 +152,7 @@ impl Weighed {
             gaps: self.gaps,
             runners_up: self.rivals.iter().map(runner_up).collect(),
             ambiguous_with,
-            remark: Some(said),
+            telling: Telling { remark: said, ..plain.telling },
             ..plain
         };
         FoundFault { facts, evidence: is_confirmed.then_some(evidence) }

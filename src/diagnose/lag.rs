@@ -5,7 +5,7 @@ use super::branches::{self, Side};
 use super::candidate::Candidate;
 use super::explanations::Explanation;
 use super::means::{HOPELESS, HeldOut, Means, MeansModel, gap};
-use super::result::{Branches, Evidence, Parameter, RunnerUp};
+use super::result::{Branches, Evidence, Parameter, RunnerUp, Telling};
 use super::steps::{Facts, Significance};
 use super::words;
 use crate::data::run::interpolate;
@@ -102,8 +102,9 @@ pub(super) fn find(
         ambiguous_with,
         ..Facts::new(effect, thermal_lag::spec(lag), significance)
     };
-    let sentence = words::lag(name, lag.form(), [lag_s, std_s], &gaps, facts.is_certain(), &facts.ambiguous_with);
-    let facts = Facts { sentence: Some(sentence), ..facts };
+    let sentence = |is_certain: bool| words::lag(name, lag.form(), [lag_s, std_s], &gaps, is_certain, &facts.ambiguous_with);
+    let telling = Telling { own: Some([true, false].map(sentence)), remark: String::new() };
+    let facts = Facts { telling, ..facts };
     let branches = branches::of(
         &Side { record: &prepared.record, residual_ent: &without.residual_ent },
         &Side { record: &lagged.record, residual_ent: &with.residual_ent },

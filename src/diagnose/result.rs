@@ -284,6 +284,9 @@ pub struct Step {
     pub next_forecast: Vec<Forecast>,
     /// The sentence for the protocol.
     pub sentence: String,
+    /// How it is told.
+    #[serde(skip)]
+    pub telling: Telling,
     /// What an unknown dependence follows.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub covariate: Option<String>,
@@ -293,6 +296,15 @@ pub struct Step {
     /// Names of its points, where their covariate is a number in a list.
     #[serde(skip)]
     pub shape_names: Vec<String>,
+}
+
+/// How a step is told: where its name is certain, and where it is not.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Telling {
+    /// The sentences for the one and the other, if they are not the usual ones.
+    pub own: Option<[String; 2]>,
+    /// What the sentence is followed by.
+    pub remark: String,
 }
 
 /// A parameter of an effect.

@@ -1,6 +1,6 @@
 //! The one builder of steps: the facts of something that was found, whatever the data were, and the step made of them.
 
-use super::result::{Forecast, Gap, Parameter, RunnerUp, ShapePoint, Step};
+use super::result::{Forecast, Gap, Parameter, RunnerUp, ShapePoint, Step, Telling};
 use super::samples::Inside;
 use super::{CERTAIN, next, words};
 use crate::data::units::COMPONENTS;
@@ -76,10 +76,8 @@ pub struct Facts {
     pub next_measurement: Option<String>,
     /// What runs of a menu would tell.
     pub next_forecast: Vec<Forecast>,
-    /// The sentence for the protocol, if it is not the usual one.
-    pub sentence: Option<String>,
-    /// What the sentence is followed by.
-    pub remark: Option<String>,
+    /// How it is told.
+    pub telling: Telling,
     /// What an unknown dependence follows.
     pub covariate: Option<String>,
     /// The unknown dependence.
@@ -104,8 +102,7 @@ impl Facts {
             name: Name::ByStrength,
             next_measurement: None,
             next_forecast: Vec::new(),
-            sentence: None,
-            remark: None,
+            telling: Telling::default(),
             covariate: None,
             shape: Vec::new(),
             shape_names: Vec::new(),
@@ -150,13 +147,27 @@ impl Facts {
             next_measurement,
             next_forecast: self.next_forecast,
             sentence: String::new(),
+            telling: self.telling,
             covariate: self.covariate,
             shape: self.shape,
             shape_names: self.shape_names,
         };
-        step.sentence = self.sentence.unwrap_or_else(|| words::sentence(&step));
-        step.sentence.push_str(self.remark.as_deref().unwrap_or_default());
+        step.sentence = sentence(&step);
         step
+    }
+}
+
+/// The sentence for a step as certain as its name is.
+fn sentence(step: &Step) -> String {
+    let Telling { own, remark } = &step.telling;
+    let own = own.as_ref().map(|[certain, doubted]| if step.wording == "is" { certain } else { doubted });
+    format!("{}{remark}", own.cloned().unwrap_or_else(|| words::sentence(step)))
+}
+
+impl Telling {
+    /// In the same words whether the name is certain or not.
+    pub fn always(sentence: String) -> Self {
+        Self { own: Some([sentence.clone(), sentence]), remark: String::new() }
     }
 }
 
@@ -231,7 +242,7 @@ pub(super) fn fault_facts(fault: &Jumps) -> Facts {
         parameters: jumps.iter().enumerate().map(parameter).collect(),
         place: format!("channel {name} jumps {list}"),
         name: Name::Doubted,
-        sentence: Some(format!(
+        telling: Telling::always(format!(
             "The temperature channel {name} jumps {list}, as no body does; all else was looked for with the jumps taken off."
         )),
         next_measurement: Some(EffectRef::new(&BadThermistor).about().best_measurement.to_owned()),
@@ -271,7 +282,9 @@ pub(super) fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Place>) {
         first.ambiguous_with.retain(|a| step.ambiguous_with.contains(a));
         first.gap_after = step.gap_after;
         first.strength_k = first.strength_k.hypot(step.strength_k);
-        first.sentence = words::sentence(first);
+        // Sentences of a form's own do not speak of a further one.
+        first.telling.own = None;
+        first.sentence = sentence(first);
     }
     (all, places)
 }
@@ -286,11 +299,8 @@ pub(super) fn sufficient(steps: &mut [Step], record: &Record, open: [bool; 3]) {
         // What was found in the samples does not rest on their means.
         let is_open = step.effect.in_samples().is_none() && meets(&open);
         if is_open || (!step.effect.is_unknown() && unknown.iter().any(meets)) {
-            let is_usual = step.sentence == words::sentence(step);
             step.wording = "consistent with";
-            if is_usual {
-                step.sentence = words::sentence(step);
-            }
+            step.sentence = sentence(step);
         }
     }
 }
@@ -328,6 +338,27 @@ mod tests {
             sufficient(&mut steps, &record, open);
             assert_eq!(steps[0].wording, wording, "{open:?}");
             assert_eq!(steps[0].sentence.contains("consistent with"), wording != "is", "{}", steps[0].sentence);
+        }
+    }
+
+    /// A name that is no longer certain is told so in a sentence of its own, too, and what follows the sentence stays.
+    #[test]
+    fn a_name_that_is_no_longer_certain_is_told_so() {
+        let record = example::of(&RotationDrift).unwrap().record;
+        let significance = Significance { p_value: 1e-9, trials: 100, p_value_corrected: 1e-7, strength_k: 25.0 };
+        let remark = " It was told twice.".to_owned();
+        let own = Some(["The sensor turns.", "The sensor may turn."].map(str::to_owned));
+        for (telling, wanted) in [
+            (Telling { own, remark: remark.clone() }, "The sensor may turn. It was told twice."),
+            (Telling { own: None, remark }, "The data are consistent with rotation_drift"),
+            (Telling::always("A count was lost.".to_owned()), "A count was lost."),
+        ] {
+            let is_usual = telling.own.is_none();
+            let facts = Facts { telling, ..Facts::new(EffectRef::new(&RotationDrift), Spec::new("time", &[1]), significance) };
+            let mut steps = [facts.step()];
+            sufficient(&mut steps, &record, [true; 3]);
+            let said = &steps[0].sentence;
+            assert!(said.starts_with(wanted) && (!is_usual || said.ends_with(" It was told twice.")), "{said}");
         }
     }
 }

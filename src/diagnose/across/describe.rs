@@ -5,7 +5,7 @@ use super::run_set::{RunCandidate, RunSet, count};
 use super::{CLASSES_IN_WORDS, axis_of};
 use crate::data::units::COMPONENTS;
 use crate::diagnose::problem::Description;
-use crate::diagnose::result::{Map, ShapePoint};
+use crate::diagnose::result::{Map, ShapePoint, Telling};
 use crate::diagnose::selection;
 use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters};
 use crate::fit::scan::Fitted;
@@ -112,8 +112,11 @@ pub(super) fn describe(comparison: &Comparison, fitted: &Fitted, chosen: &[Term]
         ambiguous_with: rivals.ambiguous(),
         runners_up: rivals.runners_up(),
         name: if is_unknown || once.is_some_and(|p| p >= DOUBTED) { Name::Doubted } else { Name::ByStrength },
-        sentence: is_unknown.then_some(sentence),
-        remark: once.filter(|_| !is_unknown).map(remark),
+        telling: if is_unknown {
+            Telling::always(sentence)
+        } else {
+            Telling { own: None, remark: once.map(remark).unwrap_or_default() }
+        },
         covariate: candidate.covariate.clone(),
         shape: if is_unknown { contribution.shape(set, &scales) } else { Vec::new() },
         shape_names: if is_unknown { names(set) } else { Vec::new() },

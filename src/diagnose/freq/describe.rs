@@ -56,7 +56,7 @@ fn reported(found: &Term, k: usize, fit: &Fit, sines: &Sines) -> (Spec, Vec<Para
     let values = &fit.p[begin..begin + found.term.count()];
     let covariance = fit.covariance();
     let scale = (fit.chi2 / fit.dof()).max(1.0).sqrt();
-    let std = |n: usize| covariance.as_ref().map(|c| scale * c[(begin + n, begin + n)].max(0.0).sqrt());
+    let std = |n: usize| Some(scale * fit.std(begin + n, sines)?);
     let correlation = |a: usize, b: usize| {
         let c = covariance.as_ref()?;
         let of = |a: usize, b: usize| c[(begin + a, begin + b)];

@@ -3,7 +3,7 @@
 use crate::data::run::Run;
 use crate::data::units::COMPONENTS;
 use crate::diagnose::CERTAIN;
-use crate::diagnose::result::{Parameter, Step};
+use crate::diagnose::result::{Parameter, Step, Telling};
 use crate::diagnose::steps::{Facts, Name, Significance};
 use crate::fit::sine::{self, Oscillator};
 use crate::measure::freq::Freq;
@@ -69,13 +69,19 @@ fn step(run: &Run, freq: &Freq, damaged: &[(f64, String)], missing: u64) -> Step
     let count = |name: &str, value: f64| Parameter { name: name.to_owned(), value, std: None, unit: "1".to_owned() };
     // Every one of them is seen by itself.
     let significance = Significance::seen(freq.stretches.len(), CERTAIN + damaged.len() as f64);
+    // Where no counter jumps, a field, a sensor or a clock that changes inside a setting is another explanation.
+    let (name, what, why) = if missing > 0 {
+        (Name::Certain, "are missing or do not follow their sine", "")
+    } else {
+        (Name::Doubted, "do not follow their sine", ", and the counter misses no sample: what changed inside them is not known")
+    };
     Facts {
         axes: COMPONENTS.to_vec(),
         parameters: vec![count("damaged settings", damaged.len() as f64), count("missing samples", missing as f64)],
         place: list.join("; "),
-        name: Name::Certain,
-        sentence: Some(format!(
-            "In {} of {} settings of run {} stretches are missing or do not follow their sine; amplitudes and phases rest on the rest.",
+        name,
+        telling: Telling::always(format!(
+            "In {} of {} settings of run {} stretches {what}{why}; amplitudes and phases rest on the rest.",
             damaged.len(),
             freq.stretches.len(),
             run.header.run
@@ -92,16 +98,18 @@ fn most(mut values: Vec<f64>) -> f64 {
 }
 
 /// Whether nearly all of what a setting has beside its used stretch follows the sine of that: then single readings are far off, and nothing is
-/// missing.
+/// missing. The clock may run a little faster or slower than on the average of the run: then the whole setting follows a sine of its own
+/// frequency, as none does in which samples are missing.
 fn follows(samples: &Samples, setting: Range<usize>, used_s: [f64; 2], frequency_hz: f64, rate_hz: f64) -> bool {
     let is_used = |i: &usize| (used_s[0]..=used_s[1]).contains(&samples.t_s[*i]);
     let settled_s = samples.t_s.get(setting.start).map_or(0.0, |t| t + SETTLING_S);
     let used: Vec<usize> = setting.clone().filter(is_used).collect();
-    let others: Vec<usize> = setting.filter(|i| !is_used(i) && samples.t_s[*i] > settled_s).collect();
+    let settled: Vec<usize> = setting.filter(|i| is_used(i) || samples.t_s[*i] > settled_s).collect();
+    let others: Vec<usize> = settled.iter().copied().filter(|i| !is_used(i)).collect();
     (0..3).all(|component| {
         let readings = |of: &[usize]| -> Vec<f64> { of.iter().map(|i| samples.reading_ent[*i][component]).collect() };
-        let counters: Vec<u64> = used.iter().map(|i| samples.n[*i]).collect();
-        let Ok(fit) = sine::three(&counters, &readings(&used), frequency_hz, rate_hz) else { return false };
+        let counters = |of: &[usize]| -> Vec<u64> { of.iter().map(|i| samples.n[*i]).collect() };
+        let Ok(fit) = sine::three(&counters(&used), &readings(&used), frequency_hz, rate_hz) else { return false };
         let mut oscillator = Oscillator::new(frequency_hz, rate_hz);
         let off: Vec<f64> = others
             .iter()
@@ -111,7 +119,12 @@ fn follows(samples: &Samples, setting: Range<usize>, used_s: [f64; 2], frequency
                 (y - fit.offset - fit.sin * sin - fit.cos * cos).abs()
             })
             .collect();
-        let own: Vec<f64> = fit.residuals.iter().map(|r| r.abs()).collect();
-        !off.is_empty() && most(off) < FOLLOWS * most(own)
+        let own = most(fit.residuals.iter().map(|r| r.abs()).collect());
+        let of_its_own = || {
+            let whole = sine::four(&counters(&settled), &readings(&settled), frequency_hz, rate_hz).ok()?;
+            let beside = settled.iter().zip(&whole.residuals).filter(|(i, _)| !is_used(i));
+            Some(most(beside.map(|(_, r)| r.abs()).collect()))
+        };
+        !off.is_empty() && (most(off) < FOLLOWS * own || of_its_own().is_some_and(|off| off < FOLLOWS * own))
     })
 }

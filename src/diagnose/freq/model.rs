@@ -1,6 +1,7 @@
 //! A response with what may be missing in it, fitted to amplitudes and phases.
 
 use super::sines::Sines;
+use crate::fit::scan::orthonormal;
 use crate::model::effects::EffectRef;
 use crate::model::effects::in_sine::{POLES_HZ, SineTerm, Triple};
 use crate::model::effects::time_shift::{self, TimeShift};
@@ -15,6 +16,10 @@ const STEP: f64 = 1e-4;
 /// Steps of a fit, and the decrease of chi-square that ends it.
 const MOST_STEPS: usize = 60;
 const FINISHED: f64 = 1e-4;
+/// Halvings of an interval that ends at a standard uncertainty, which is wanted to a part in 10⁶ of the interval and more.
+const HALVED: usize = 40;
+/// A column of which less than this part is left beside others is one of them.
+const INDEPENDENT: f64 = 1e-9;
 /// Largest part of the field behind a pole.
 const MOST_PART: f64 = 1.5;
 
@@ -287,6 +292,30 @@ impl Fit {
         let unit = DMatrix::from_fn(scale.len(), scale.len(), |a, b| normal[(a, b)] / (scale[a] * scale[b]));
         let inverse = unit.pseudo_inverse(1e-12).ok()?;
         Some(DMatrix::from_fn(scale.len(), scale.len(), |a, b| inverse[(a, b)] / (scale[a] * scale[b])))
+    }
+
+    /// Standard uncertainty of a parameter at noise of 1. Where the prediction bends, as it does with a part of the field of nearly 1 of which
+    /// amplitudes show the square of what is left, no slope tells it: it is no more than what makes a chi square of 1, all others fitted again.
+    pub fn std(&self, parameter: usize, sines: &Sines) -> Option<f64> {
+        let by_slope = self.covariance()?[(parameter, parameter)].max(0.0).sqrt();
+        let others = orthonormal(&self.jacobian.clone().remove_column(parameter), None, INDEPENDENT);
+        let chi2 = |by: f64| {
+            let mut moved = self.p.clone();
+            moved[parameter] += by;
+            let change = self.model.residual(&moved, sines) - &self.residual;
+            (&change - &others * others.tr_mul(&change)).norm_squared()
+        };
+        // From far outside, where chi square may be anything, to the first place where it is less than 1.
+        let side = |sign: f64| {
+            let [mut inside, mut outside] = [0.0, by_slope];
+            for _ in 0..HALVED {
+                let middle = 0.5 * (inside + outside);
+                let chi2 = chi2(sign * middle);
+                if chi2 < 1.0 { inside = middle } else { outside = middle }
+            }
+            outside
+        };
+        Some(side(1.0).max(side(-1.0)))
     }
 
     /// Derivatives of the prediction by the amplitudes of a term that is not in the model; `hz` is the pole.

@@ -2,7 +2,7 @@
 
 use crate::data::tables::AmplitudeRow;
 use crate::data::units::COMPONENTS;
-use crate::diagnose::result::{Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, Step, VerdictKind};
+use crate::diagnose::result::{Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, Step, Telling, VerdictKind};
 use crate::diagnose::steps::{Facts, Name, Significance};
 use crate::diagnose::words;
 use crate::measure::corner::Component;
@@ -126,7 +126,7 @@ fn step(rows: &[AmplitudeRow], freq: &Freq, outliers: &[Outlier], noise_ent: [f6
         gaps: [gap(freq, |_| true), gap(freq, |row| !is_outlier(outliers, row))],
         name: Name::Doubted,
         next_measurement: Some("the runs with these amplitudes as waveforms, or these frequencies once more".to_owned()),
-        sentence: Some(format!(
+        telling: Telling::always(format!(
             "{} of {} frequencies do not follow the response, as amplitudes of stretches with lost samples or of two settings do not.",
             outliers.len(),
             rows.len()

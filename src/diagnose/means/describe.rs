@@ -1,13 +1,14 @@
 //! The description of a term of the plateau means.
 
-use super::{HeldOut, Means, MeansModel, Term, in_time};
+use super::{HeldOut, Means, MeansModel, Term, each_axis, in_time};
 use crate::data::units::{COMPONENTS, six_digits};
 use crate::diagnose::candidate::Candidate;
 use crate::diagnose::next::{self, Named};
 use crate::diagnose::problem::Description;
-use crate::diagnose::result::{Gap, Map, Parameter};
+use crate::diagnose::result::{Gap, Map, Parameter, Telling};
 use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape_parameters};
 use crate::diagnose::{APART, selection, words};
+use crate::fit::scan::Score;
 use crate::model::effects::{Family, GAIN_WITH, Record, UNKNOWN};
 use nalgebra::DVector;
 
@@ -102,7 +103,8 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         p_value_corrected: term.p_global,
         strength_k: score.strength,
     };
-    let parameters = parameters(candidate, &values, score.strength, term.threshold.strength(score.strength));
+    let by_form = by_form(means, &without, candidate, &score);
+    let parameters = parameters(candidate, &values, score.strength, term.threshold.strength(score.strength), by_form);
     let (rival_keys, best) = rivals.indistinct().map(|e| (e.key.clone(), e.best)).unzip();
     let named = Named {
         candidate,
@@ -116,21 +118,29 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     // has other unknown ones as rivals, too.
     let has_near_rival = runners_up.iter().any(|r| r.log_ratio > -APART);
     let in_time = in_time::rivals(means, &without, candidate, &own_group, &score);
+    let apart = each_axis::rival(means, &without, candidate, &own_group, &score);
     let is_doubted = has_near_rival
         || !in_time.is_empty()
+        || apart.is_some()
         || !is_apart_from_zero(candidate, &parameters)
         || rivals.has_family_twin()
         || has_twin_beside(candidate, &others)
         || begins_with_large_field(&means.prepared.record, candidate);
     let mut ambiguous_with = rivals.ambiguous();
-    if !in_time.is_empty() && !candidate.effect.is_unknown() && !ambiguous_with.contains(&UNKNOWN) {
+    let is_not_alone = !in_time.is_empty() || apart.is_some();
+    if is_not_alone && !candidate.effect.is_unknown() && !ambiguous_with.contains(&UNKNOWN) {
         ambiguous_with.push(UNKNOWN);
     }
-    let remark = (!in_time.is_empty()).then(|| {
-        let names: Vec<&str> = in_time.iter().map(|r| r.effect.as_str()).collect();
-        format!(" What goes with time in its place describes these data as well ({}).", names.join(", "))
-    });
-    runners_up.extend(in_time);
+    let names: Vec<&str> = in_time.iter().map(|r| r.effect.as_str()).collect();
+    let mut remark = match names.as_slice() {
+        [] => String::new(),
+        _ => format!(" These describe the data as well in its place: {}.", names.join(", ")),
+    };
+    if apart.is_some() {
+        remark
+            .push_str(" The axes do not do it together: with a size of its own for each of them the data are described better.");
+    }
+    runners_up.extend(in_time.into_iter().chain(apart));
     runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
     let facts = Facts {
         parameters,
@@ -139,7 +149,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         gaps: [&before, &after].map(|held| gap(held, means.prepared.nt_per_ent)),
         ambiguous_with,
         runners_up,
-        remark,
+        telling: Telling { own: None, remark },
         covariate: candidate.covariate.clone(),
         shape,
         ..Facts::new(candidate.effect, candidate.spec.clone(), significance)
@@ -193,14 +203,38 @@ fn begins_with_large_field(record: &Record, candidate: &Candidate) -> bool {
     rows.into_iter().any(|row| candidate.spec.axes.iter().any(|axis| is_large(row, *axis)))
 }
 
+/// By how much the shape of a term is another one in other forms of the effect that describe the data as well: the onset of a knee is higher than
+/// that of a bend.
+fn by_form(means: &Means, without: &MeansModel, candidate: &Candidate, score: &Score) -> f64 {
+    let Some((name, value)) = candidate.effect.continuous(&candidate.spec) else { return 0.0 };
+    let is_other = |c: &&Candidate| {
+        c.key == candidate.key
+            && c.spec.form != candidate.spec.form
+            && c.spec.axes == candidate.spec.axes
+            && c.effect.continuous(&c.spec).is_some_and(|(other, _)| other == name)
+    };
+    let evidence = |c: &Candidate| without.fitted.score(&means.group(without, c)).evidence;
+    let mut best: Vec<(&Candidate, f64)> = Vec::new();
+    for (other, evidence) in means.candidates.iter().filter(is_other).map(|c| (c, evidence(c))) {
+        match best.iter_mut().find(|(known, _)| known.spec.form == other.spec.form) {
+            Some(known) if known.1 >= evidence => {}
+            Some(known) => *known = (other, evidence),
+            None => best.push((other, evidence)),
+        }
+    }
+    let refined = best.iter().map(|(other, _)| means.refined(without, other));
+    let near = refined.filter(|other| evidence(other) > score.evidence - APART);
+    near.filter_map(|other| Some((other.spec.get(name)? - value).abs())).fold(0.0, f64::max)
+}
+
 /// Linear parameters, corrected for having been selected, and those of the shape, of which the one that was refined has an uncertainty.
-fn parameters(candidate: &Candidate, values: &[(f64, f64)], strength: f64, least: f64) -> Vec<Parameter> {
+fn parameters(candidate: &Candidate, values: &[(f64, f64)], strength: f64, least: f64, by_form: f64) -> Vec<Parameter> {
     let linear = candidate.parameters.len();
     let shown = selection::corrected(&values[..linear.min(values.len())], strength, least);
     let mut parameters = linear_parameters(candidate.parameters.iter().map(|(name, unit)| (name.as_str(), *unit)), &shown);
     if !candidate.effect.is_unknown() {
         let refined = values.get(linear);
-        let std = |_: &str, value: f64| refined.filter(|(v, _)| *v == value).map(|(_, std)| *std);
+        let std = |_: &str, value: f64| refined.filter(|(v, _)| *v == value).map(|(_, std)| std.hypot(by_form));
         parameters.extend(shape_parameters(&candidate.spec, std));
     }
     parameters

@@ -1,13 +1,15 @@
-//! What goes with time in place of what a term follows. A temperature that moves evenly, or along one bend, is the time under another name: a
+//! What goes with time, or with a rate, in place of what a term follows. A temperature that moves evenly, or along one bend, is the time under another name: a
 //! drift of the gain, or a step in it, makes the same of the readings.
 
 use super::{Means, MeansModel};
+use crate::data::run::interpolate;
 use crate::diagnose::APART;
 use crate::diagnose::candidate::Candidate;
 use crate::diagnose::result::RunnerUp;
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score};
 use crate::fit::smooth::Course;
 use crate::model::effects::coil_temperature::LAG;
+use crate::model::effects::record::Channel;
 use crate::model::effects::{Column, Covariate, GAIN_WITH, Record, Spec, TIME, UNKNOWN};
 
 /// Equal parts of the run between which a step is tried.
@@ -47,7 +49,7 @@ fn in_time(record: &Record, candidate: &Candidate) -> Vec<InTime> {
     if candidate.effect.is_unknown() {
         smooth(record, candidate).into_iter().chain(jumps(record, candidate)).collect()
     } else {
-        of_temperature(record, candidate)
+        of_temperature(record, candidate).into_iter().chain(rates(record, candidate)).collect()
     }
 }
 
@@ -105,6 +107,29 @@ fn of_temperature(record: &Record, candidate: &Candidate) -> Vec<InTime> {
     let steps = steps_s(record).filter_map(|at_s| of(STEP, &[&|t_s| if t_s < at_s { -1.0 } else { 1.0 }], STEPS - 1));
     let drifts = [of("drift in time", &[&tau], 1), of("drift in time", &[&tau, &|t_s| tau(t_s).powi(2)], 1)];
     drifts.into_iter().flatten().chain(steps).collect()
+}
+
+/// The same effect with the rate of a temperature in place of a temperature of some time before: the difference of the two is a rate, and a lag
+/// that is free makes a rate of any temperature.
+fn rates(record: &Record, candidate: &Candidate) -> Vec<InTime> {
+    if candidate.spec.get(LAG).is_none() {
+        return Vec::new();
+    }
+    let mut spec = candidate.spec.clone();
+    spec.shape.retain(|(name, _, _)| name != LAG);
+    let channels: Vec<_> = [("sensor", &record.sensor), ("coil", &record.coil), ("rack", &record.rack)]
+        .into_iter()
+        .filter_map(|(name, channel)| Some((name, channel.as_ref()?)))
+        .collect();
+    let of = |(name, channel): &(&str, &Channel)| {
+        let course = &channel.course;
+        let rates: Vec<(f64, f64)> = course.series.iter().zip(&course.rate_per_s).map(|((t, _), rate)| (*t, *rate)).collect();
+        let columns = candidate.effect.columns(&with_course(record, &|t_s| interpolate(&rates, t_s)), &spec)?;
+        let name = format!("rate of the {name} temperature");
+        let candidate = Candidate::of_readings(UNKNOWN, Spec::new(&name, &spec.axes), columns);
+        Some(InTime { name: format!("{UNKNOWN}: {name}"), candidate, tried: channels.len() })
+    };
+    channels.iter().filter_map(of).collect()
 }
 
 /// Names of the forms with a step, and with temperatures that do not move.

@@ -5,6 +5,7 @@
 
 mod attenuation;
 mod describe;
+mod each_axis;
 mod estimate;
 mod held_out;
 mod in_time;

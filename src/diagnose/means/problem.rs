@@ -353,7 +353,7 @@ impl Means<'_> {
     }
 
     /// A candidate with the best value of its continuous shape parameter.
-    fn refined(&self, model: &MeansModel, candidate: &Candidate) -> Candidate {
+    pub(super) fn refined(&self, model: &MeansModel, candidate: &Candidate) -> Candidate {
         let Some((name, value)) = candidate.effect.continuous(&candidate.spec) else { return candidate.clone() };
         let record = &self.prepared.record;
         let evaluate = |v: f64| -> Option<f64> {

@@ -7,6 +7,8 @@
 //! others leave, so that there is nothing to drop or to swap. What is shared with the search is the difference of evidence that distinguishes
 //! two explanations, and the builder of steps.
 
+mod joint;
+mod shape;
 mod spectrum;
 mod waves;
 
@@ -20,6 +22,7 @@ use crate::model::effects::{Catalogue, EffectRef, Record};
 use crate::record::prepared::{PreparedRun, Samples};
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
+use shape::sharpened;
 use spectrum::{Grid, Noise, Spectrum, log_p_of_switched};
 use std::f64::consts::{PI, TAU};
 use waves::{Switched, Wave, Waves};
@@ -348,7 +351,7 @@ fn shown(signals: &Signals, grid: &Grid, spectrum: &mut Spectrum, residual: &[Ve
 fn noise_beside(line_hz: f64, noise: &Noise, grid: &Grid, spectrum: &mut Spectrum, residual: &[Vec<f64>; 3]) -> Option<Noise> {
     let with_signal = Waves { grid, noise, residual };
     let mut quiet = residual.clone();
-    let waves = with_signal.harmonics(with_signal.refine(line_hz), HARMONICS)?;
+    let waves = with_signal.harmonics(line_hz, HARMONICS)?;
     with_signal.take_off(&mut quiet, &waves);
     demean(&mut quiet, grid.windows);
     spectrum.take(grid, &quiet)
@@ -364,9 +367,11 @@ fn strongest(
     residual: &[Vec<f64>; 3],
 ) -> Option<Found> {
     let (shown, noise) = shown(signals, grid, spectrum, residual)?;
-    let noise = noise_beside(shown.line_hz, &noise, grid, spectrum, residual)?;
+    let waves = Waves { grid, noise: &noise, residual };
+    let line_hz = waves.unrepeated(waves.refine(shown.line_hz));
+    let noise = noise_beside(line_hz, &noise, grid, spectrum, residual)?;
     let waves = &Waves { grid, noise: &noise, residual };
-    let line_hz = waves.refine(shown.line_hz);
+    let line_hz = waves.refine(line_hz);
     let sines = waves.harmonics(line_hz, 1)?;
     let wave = sines.first()?;
     let (tone_effect, line) = signals.line?;
@@ -376,8 +381,9 @@ fn strongest(
         // Of a signal with one harmonic in sight nothing shows that it is switched.
         Some((effect, form, found)) if found.evidence > tone_evidence && !found.single => {
             let near = found.evidence - tone_evidence < APART;
-            let signal =
-                as_switched(effect, &form, &found, waves, &shown, |shape| taken.sizes_ent(record, waves, effect, &form, shape))?;
+            let signal = as_switched(effect, &form, &found, waves, &shown, record, |shape| {
+                taken.sizes_ent(record, waves, effect, &form, shape)
+            })?;
             Inside { ambiguous_with: if near { vec![tone_effect] } else { Vec::new() }, ..signal }
         }
         Some((other, _, found)) if tone_evidence - found.evidence < APART => Inside { ambiguous_with: vec![other], ..tone },
@@ -424,9 +430,16 @@ fn switched(
     line_hz: f64,
     comb: Option<&spectrum::Comb>,
 ) -> Option<(EffectRef, Comb, Switched)> {
-    let orders = (1..=MOST_ORDER).map(|order| (order as f64, line_hz / order as f64));
-    orders
-        .chain(comb.map(|c| (c.strongest as f64, c.base * waves.grid.step_hz())))
+    let parts = |hz: f64, times: usize| (1..=MOST_ORDER).map(move |order| ((times * order) as f64, hz / order as f64));
+    // A comb is looked for where lines are: a fundamental may be too slow to be one.
+    let [slowest_hz, lowest_hz] = [waves.grid.slowest_hz(), waves.grid.lowest_hz()];
+    let of_comb = |c: &spectrum::Comb| {
+        let base_hz = c.base * waves.grid.step_hz();
+        let is_tried = move |(_, hz): &(f64, f64)| *hz == base_hz || (slowest_hz..lowest_hz).contains(hz);
+        parts(base_hz, c.strongest).filter(is_tried)
+    };
+    parts(line_hz, 1)
+        .chain(comb.into_iter().flat_map(of_comb))
         .flat_map(|(order, base_hz)| {
             signals.combs.iter().filter_map(move |(effect, form)| Some((*effect, *form, waves.switched(form, base_hz, order)?)))
         })
@@ -442,22 +455,21 @@ fn as_switched(
     found: &Switched,
     waves: &Waves,
     shown: &Shown,
+    record: &Record,
     sizes_ent: impl Fn([f64; 3]) -> Option<[f64; 3]>,
 ) -> Option<Inside> {
     let (grid, trials) = (waves.grid, Trials::of(waves.grid));
-    let Switched { base_hz, duty, delay, .. } = waves.polish(form, found);
+    let (Switched { base_hz, duty, delay, gain, .. }, values) = waves.polish(form, found)?;
     // On and off cannot be distinguished: the shorter part is called on.
     let (duty, delay) = if duty > 0.5 { (1.0 - duty, (delay + duty).rem_euclid(1.0)) } else { (duty, delay) };
-    let harmonics = waves.harmonics(base_hz, HARMONICS)?;
-    let (gain, values) = waves.matched(form, &harmonics, base_hz, duty, delay);
     if !shown.is_tone && log_p_of_switched(values.map(|v| (v.0 / v.1).powi(2))) + trials.combs >= SIGNIFICANT.ln() {
         return None;
     }
     let axes = axes_of(&values);
-    let period_s = base_hz.recip();
-    // Harmonics of a period that is not short against a plateau are no longer at right angles beside the means, and the sum of the first ones
-    // is not the whole signal.
-    let sizes_ent = sizes_ent([period_s, duty, delay * period_s])?;
+    // The sum of the first harmonics is not the whole signal.
+    let shape = sharpened(waves, record, effect, form, [base_hz.recip(), duty, delay / base_hz]);
+    let sizes_ent = sizes_ent(shape)?;
+    let [period_s, duty, delay_s] = shape;
     let record_s = grid.length as f64 / grid.rate_hz;
     let period_std_s = period_s * period_s * OF_FREQUENCY / record_s / (gain / 2.0).sqrt();
     Some(Inside {
@@ -466,7 +478,7 @@ fn as_switched(
         strength: gain.sqrt(),
         p_value: shown.p_value.max(f64::MIN_POSITIVE),
         trials: trials.tones,
-        ..Inside::new(effect, (form.term)(&axes, period_s, duty, delay * period_s))
+        ..Inside::new(effect, (form.term)(&axes, period_s, duty, delay_s))
     })
 }
 

@@ -66,6 +66,13 @@ pub fn transient(
     catalogue.iter().filter_map(of_effect).max_by(|a, b| a.strength.total_cmp(&b.strength))
 }
 
+/// What plateaus count for by their sizes: those with more noise for less.
+fn weights_of(bins: &Bins) -> Vec<f64> {
+    let sizes: Vec<f64> = bins.iter().map(|d| d.norm_squared()).collect();
+    let usual = median(&mut sizes.clone()).max(f64::MIN_POSITIVE);
+    sizes.iter().map(|s| (2.0 * usual / (usual + s)).sqrt()).collect()
+}
+
 /// A transient with its time constant, amplitude and chi square.
 #[derive(Clone)]
 struct Transient {
@@ -129,12 +136,27 @@ impl<'a> Stack<'a> {
             let sum = |a: usize| samples.reading_ent[from..to].iter().map(|v| v[a]).sum::<f64>();
             [0, 1, 2].map(|a| sum(a) / (to - from) as f64)
         });
-        stack.weights = [0, 1, 2].map(|a: usize| {
-            let sizes: Vec<f64> = stack.data[a].iter().map(|d| d.norm_squared()).collect();
-            let usual = median(&mut sizes.clone()).max(f64::MIN_POSITIVE);
-            sizes.iter().map(|s| (2.0 * usual / (usual + s)).sqrt()).collect()
-        });
+        stack.weights = stack.data.each_ref().map(weights_of);
         Some(stack)
+    }
+
+    /// The same with weights of what a transient leaves, and the transient with them. Where noise adds to a transient its plateau is larger, and
+    /// would count for less than one where noise takes from it: the transient would seem too small.
+    fn weighed_beside(self, transient: Transient) -> (Self, Transient) {
+        let template = self.template(transient.tau_s);
+        let of_axis = |a: usize| {
+            let amplitude = if transient.axes.contains(&a) { transient.amplitude } else { 0.0 };
+            weights_of(&self.data[a].iter().zip(&template[a]).map(|(data, template)| data - template * amplitude).collect())
+        };
+        let weights = [0, 1, 2].map(of_axis);
+        let stack = Self { weights, ..self };
+        let refined = stack.of_axes(transient.tau_s, &transient.axes).and_then(|now| stack.refined(now));
+        (stack, refined.unwrap_or(transient))
+    }
+
+    /// The transient with a time constant on some axes.
+    fn of_axes(&self, tau_s: f64, axes: &[usize]) -> Option<Transient> {
+        self.transients(tau_s).into_iter().find(|transient| transient.axes == axes)
     }
 
     fn bins(&self) -> usize {
@@ -283,7 +305,7 @@ impl<'a> Stack<'a> {
         let mut sums = [0.0; 2];
         for step in -BESIDE..=BESIDE {
             let tau_s = transient.tau_s * (BESIDE_STEP * f64::from(step)).exp();
-            let Some(other) = self.transients(tau_s).into_iter().find(|other| other.axes == transient.axes) else { continue };
+            let Some(other) = self.of_axes(tau_s, &transient.axes) else { continue };
             let weight = (0.5 * (other.chi_square - transient.chi_square)).min(0.0).exp();
             sums[0] += weight;
             sums[1] += weight * (other.std.powi(2) + (other.amplitude - transient.amplitude).powi(2));
@@ -318,7 +340,8 @@ fn transient_of(
         if is_slow(&found) {
             // What the low-pass leaves beside it makes the time constant too short.
             let (stack, shown) = of(beside_s + CLEAR as f64 * interval_s).filter(is_slow).unwrap_or(found);
-            return Some(stack.described(effect, &shown));
+            let (stack, transient) = stack.weighed_beside(shown.transient);
+            return Some(stack.described(effect, &Shown { transient, ..shown }));
         }
     }
     None

@@ -1,6 +1,6 @@
 //! Spectra of what the means of the plateaus leave: lines, and combs of lines, that noise makes seldom.
 
-use super::HARMONICS;
+use super::{HARMONICS, SLOW};
 use crate::fit::statistics::{log_chi2_tail, median, two_sided_tail};
 use crate::model::effects::in_samples::Harmonic;
 use crate::record::prepared::Samples;
@@ -146,6 +146,24 @@ impl<'a> Grid<'a> {
     /// Length of the longest plateau, s.
     fn longest_s(&self) -> f64 {
         longest_s(self.samples, self.windows, self.rate_hz)
+    }
+
+    /// Rate of the plateaus, Hz, as their begins tell it; those that are missing are counted.
+    pub fn plateaus_hz(&self) -> Option<f64> {
+        let begins_s: Vec<f64> = self.windows.iter().map(|[from, _]| self.samples.t_s[*from]).collect();
+        let mut steps_s: Vec<f64> = begins_s.windows(2).map(|w| w[1] - w[0]).collect();
+        let first_s = *begins_s.first()?;
+        if steps_s.is_empty() {
+            return None;
+        }
+        let usual_s = median(&mut steps_s.clone());
+        let count: f64 = steps_s.drain(..).map(|step_s| (step_s / usual_s).round()).sum();
+        Some(count / (begins_s.last()? - first_s)).filter(|hz| hz.is_finite() && *hz > 0.0)
+    }
+
+    /// Frequency below which a wave is a slow change of the plateaus, Hz.
+    pub fn slowest_hz(&self) -> f64 {
+        SLOW as f64 * self.rate_hz / self.length as f64
     }
 
     /// Lowest frequency that is looked at, Hz.

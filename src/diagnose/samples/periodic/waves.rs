@@ -1,9 +1,7 @@
 //! Waves and switched signals, fitted to the samples inside the plateaus.
 
-use super::HARMONICS;
 use super::spectrum::{Grid, Noise, Stretch};
 use crate::diagnose::explanations::log_sum;
-use crate::model::effects::in_samples::Comb;
 use rayon::prelude::*;
 use realfft::num_complex::Complex;
 use std::f64::consts::{PI, TAU};
@@ -47,26 +45,28 @@ pub struct Wave {
     pub sin: [f64; 3],
     pub cos: [f64; 3],
     pub std: [f64; 3],
+    /// Weighted squares of the residuals that it explains.
+    pub explained: [f64; 3],
 }
 
 /// Sums over stretches that are short against the record, for a frequency: those for frequencies nearby follow from them, each stretch
 /// turned by the phase at its middle.
-struct Band {
-    hz: f64,
-    stretches: Vec<Sums>,
+pub struct Band {
+    pub hz: f64,
+    pub stretches: Vec<Sums>,
 }
 
 /// Sums over a stretch: of the wave of unit size, of its square, of the residuals times it, and of the residuals.
 #[derive(Clone, Copy, Default)]
-struct Sums {
-    wave: Complex<f64>,
+pub struct Sums {
+    pub wave: Complex<f64>,
     square: Complex<f64>,
-    along: [Complex<f64>; 3],
-    residual: [f64; 3],
+    pub along: [Complex<f64>; 3],
+    pub residual: [f64; 3],
 }
 
 /// A wave of unit size after so many cycles.
-fn phase(cycles: f64) -> Complex<f64> {
+pub fn phase(cycles: f64) -> Complex<f64> {
     Complex::from_polar(1.0, TAU * cycles.fract())
 }
 
@@ -78,7 +78,7 @@ fn unit_wave(hz: f64, stretch: &Stretch, t_s: &[f64]) -> impl Iterator<Item = Co
 
 /// Sum of a wave of unit size over `count` samples, of which the first has the phase `first` and each the phase of the one before plus `step`,
 /// in cycles: a geometric series.
-fn sum_of_wave(first: f64, step: f64, count: usize) -> Complex<f64> {
+pub fn sum_of_wave(first: f64, step: f64, count: usize) -> Complex<f64> {
     let half = PI * (step - step.round());
     let n = count as f64;
     let size = if half.sin().abs() < f64::EPSILON { n } else { (n * half).sin() / half.sin() };
@@ -159,7 +159,7 @@ impl Waves<'_> {
             }
         }
         let line = (self.grid.seen_hz(hz) / self.grid.step_hz()).round() as usize;
-        let mut wave = Wave { hz, sin: [0.0; 3], cos: [0.0; 3], std: [0.0; 3] };
+        let mut wave = Wave { hz, sin: [0.0; 3], cos: [0.0; 3], std: [0.0; 3], explained: [0.0; 3] };
         for a in 0..3 {
             // Squares and products of sine and cosine.
             let (ss, sc, cc) = (0.5 * (sizes[a] - squares[a].re), 0.5 * squares[a].im, 0.5 * (sizes[a] + squares[a].re));
@@ -169,6 +169,7 @@ impl Waves<'_> {
             }
             wave.sin[a] = (along[a].im * cc - along[a].re * sc) / determinant;
             wave.cos[a] = (along[a].re * ss - along[a].im * sc) / determinant;
+            wave.explained[a] = wave.sin[a] * along[a].im + wave.cos[a] * along[a].re;
             // Means taken off the plateaus lower the level of slow noise as much as the waves.
             wave.std[a] = (2.0 * self.noise.level(a, line)).sqrt() / (ss + cc);
         }
@@ -217,7 +218,7 @@ impl Waves<'_> {
 
     /// Bands of a fundamental and its harmonics, where the samples fold those above half their rate to. A harmonic that they fold onto a lower
     /// one, or to where no wave is seen, is none.
-    fn bands(&self, hz: f64, count: usize) -> Vec<Band> {
+    pub fn bands(&self, hz: f64, count: usize) -> Vec<Band> {
         let (highest_hz, lowest_hz) = (HIGHEST * 0.5 * self.grid.rate_hz, self.grid.lowest_hz());
         let width_hz = APART_LINES * self.grid.rate_hz / self.grid.length as f64;
         let mut seen_hz: Vec<f64> = Vec::new();
@@ -243,6 +244,23 @@ impl Waves<'_> {
         (!waves.is_empty()).then_some(waves)
     }
 
+    /// The frequency of what a line shows. Where the plateaus come at one rate, their means repeat at this rate what they take of a wave that is
+    /// too slow to be looked for by itself: that wave explains more of the readings than the line.
+    pub fn unrepeated(&self, hz: f64) -> f64 {
+        let Some(rate_hz) = self.grid.plateaus_hz() else { return hz };
+        let [slowest_hz, lowest_hz] = [self.grid.slowest_hz(), self.grid.lowest_hz()];
+        let explained = |hz: f64| {
+            let of_axis = |(a, squares): (usize, f64)| squares / self.noise.usual_level(a);
+            self.wave(&self.band(hz), hz).map_or(0.0, |wave| wave.explained.into_iter().enumerate().map(of_axis).sum())
+        };
+        let around = (lowest_hz / rate_hz).ceil() as i32;
+        let nearest = (hz / rate_hz).round();
+        let slow = (-around..=around).map(|k| (hz - (nearest + f64::from(k)) * rate_hz).abs());
+        let slow = slow.filter(|f| (slowest_hz..lowest_hz).contains(f)).map(|f| self.refine(f));
+        let all = std::iter::once(hz).chain(slow).map(|hz| (explained(hz), hz));
+        all.max_by(|a, b| a.0.total_cmp(&b.0)).map_or(hz, |(_, hz)| hz)
+    }
+
     /// The frequency near a line at which chi square is largest.
     pub fn refine(&self, hz: f64) -> f64 {
         let band = self.band(hz);
@@ -264,77 +282,6 @@ impl Waves<'_> {
         let [low, high] = [-width, width].map(|by| chi(best.1 + by));
         let bend = low + high - 2.0 * best.0;
         if bend < 0.0 { best.1 + (0.5 * width * (low - high) / bend).clamp(-width, width) } else { best.1 }
-    }
-
-    /// Chi square of a square wave and its amplitudes with uncertainties.
-    pub fn matched(&self, form: &Comb, waves: &[Wave], base_hz: f64, duty: f64, delay: f64) -> (f64, [(f64, f64); 3]) {
-        let mut gain = 0.0;
-        let values = [0, 1, 2].map(|a: usize| {
-            let (mut top, mut bottom) = (0.0, 0.0);
-            for wave in waves {
-                let order = (wave.hz / base_hz).round() as usize;
-                let (s, c) = (form.harmonic)(order, duty, delay);
-                let weight = wave.std[a].powi(-2);
-                top += weight * (s * wave.sin[a] + c * wave.cos[a]);
-                bottom += weight * (s * s + c * c);
-            }
-            gain += top * top / bottom;
-            (top / bottom, bottom.sqrt().recip())
-        });
-        (gain, values)
-    }
-
-    /// The switched signal of a period whose harmonic of this order was seen.
-    pub fn switched(&self, form: &Comb, base_hz: f64, order: f64) -> Option<Switched> {
-        let waves = self.harmonics(base_hz, HARMONICS)?;
-        let single = waves.len() == 1;
-        let duties = (1..20).map(|d| 0.05 * d as f64);
-        let all: Vec<(f64, f64, f64)> = duties
-            .flat_map(|duty| (0..64).map(move |d| (duty, d as f64 / 64.0)))
-            .map(|(duty, delay)| (self.matched(form, &waves, base_hz, duty, delay).0, duty, delay))
-            .collect();
-        let (gain, duty, delay) = *all.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let most = evidence(gain, 3.0);
-        let mean = all.iter().map(|one| (evidence(one.0, 3.0) - most).exp()).sum::<f64>() / all.len() as f64;
-        Some(Switched { base_hz, evidence: most + mean.ln() - order.ln(), single, gain, duty, delay })
-    }
-
-    /// Period, duty and delay, closer.
-    pub fn polish(&self, form: &Comb, found: &Switched) -> Switched {
-        let mut best = found.clone();
-        let better = |best: &mut Switched, waves: &[Wave], base_hz: f64, duty: f64, delay: f64| {
-            let (duty, delay) = (duty.clamp(0.02, 0.98), delay.rem_euclid(1.0));
-            let gain = self.matched(form, waves, base_hz, duty, delay).0;
-            if gain > best.gain {
-                *best = Switched { base_hz, gain, duty, delay, ..*best };
-            }
-        };
-        let bands = self.bands(found.base_hz, HARMONICS);
-        let waves_of = |base_hz: f64| -> Vec<Wave> {
-            bands.iter().filter_map(|band| self.wave(band, (band.hz / found.base_hz).round() * base_hz)).collect()
-        };
-        let (mut df, mut dd, mut dl) = (0.3 * self.grid.step_hz(), 0.025, 1.0 / 128.0);
-        for _ in 0..6 {
-            for sign in [-1.0, 1.0] {
-                let base_hz = best.base_hz + sign * df;
-                let waves = waves_of(base_hz);
-                // A changed period moves the delay over the record: it is looked for again.
-                for shift in [-2.0, -1.0, 0.0, 1.0, 2.0] {
-                    let (duty, delay) = (best.duty, best.delay + shift * dl);
-                    better(&mut best, &waves, base_hz, duty, delay);
-                }
-                let base_hz = best.base_hz;
-                let waves = waves_of(base_hz);
-                for (d, l) in [(sign * dd, 0.0), (0.0, sign * dl), (sign * dd, -0.5 * sign * dd)] {
-                    let (duty, delay) = (best.duty + d, best.delay + l);
-                    better(&mut best, &waves, base_hz, duty, delay);
-                }
-            }
-            df *= 0.5;
-            dd *= 0.6;
-            dl *= 0.6;
-        }
-        best
     }
 }
 
