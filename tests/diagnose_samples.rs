@@ -98,6 +98,29 @@ fn a_lag_is_no_signal_inside_the_settings() {
     assert!((lag_s - 900.0).abs() < 4.0 * std_s && std_s < 20.0, "{lag_s} +- {std_s}");
 }
 
+/// A gain that follows the rate of the sensor temperature, beside coils that follow it by half an hour: their temperature of some time before
+/// does nearly the same, and is not certain.
+#[test]
+fn a_rate_is_no_temperature_of_some_time_before() {
+    for size in [0.08, 0.12, 0.2] {
+        let mut run = sweep(0.0, 0.0);
+        for sample in &mut run.samples {
+            let rate = (degc(sample.t + 1.0) - degc(sample.t - 1.0)) / 2.0;
+            sample.reading[0] *= 1.0 + 1e-3 * size * rate;
+        }
+        for (t_s, [coil, _]) in &mut run.temperatures {
+            let along = 2.0 * PI * (*t_s - 1800.0) / SWEEP_S;
+            *coil = Some(17.0 + 1.5 * along.cos());
+        }
+        let found = diagnosed(&run);
+        for step in found["steps"].as_array().unwrap().iter().filter(|s| s["effect"] == "coil_temperature") {
+            assert_eq!(step["wording"], "consistent with", "{size}");
+            assert!(step["ambiguous_with"].as_array().unwrap().iter().any(|e| e == "unknown"), "{size}: {step}");
+        }
+        assert!(!found["steps"].as_array().unwrap().is_empty());
+    }
+}
+
 /// A periodic signal with a signal to noise ratio of about 20 on x, half of it on y, in 33 settings of 4 s at 32 Hz.
 fn periodic(signal: impl Fn(f64) -> f64) -> Run {
     let levels = [-9000.0, -7000.0, -5000.0, -3000.0, -1000.0, 1000.0, 3000.0, 5000.0, 7000.0, 9000.0];
@@ -160,7 +183,9 @@ fn a_heater_in_zero_field_has_its_period_and_its_size() {
 #[test]
 fn a_heater_beside_plateaus_of_one_length_has_its_period_and_its_size() {
     let field = |i: usize| [0.7, 1.9, 3.1].map(|turn: f64| 2000.0 * (turn * (i * i) as f64).sin());
-    for (plateau_s, pause_s, period_s, duty) in [(7.5, 0.0, 22.0, 0.5), (7.0, 0.5, 23.7, 0.4)] {
+    for (plateau_s, pause_s, period_s, duty) in
+        [(7.5, 0.0, 22.0, 0.5), (7.0, 0.5, 23.7, 0.4), (7.5, 0.0, 37.0, 0.3), (7.0, 0.5, 37.0, 0.3), (12.0, 3.0, 3.3, 0.3)]
+    {
         let begin = |i: usize| 1.0 + (plateau_s + pause_s) * i as f64;
         let settings = (0..150).map(|i| Setting::constant(begin(i), begin(i) + plateau_s, field(i), 1)).collect();
         let mut run = Plan { settings, rate_hz: 16.0, noise_ent: 0.1, ..Plan::default() }.run();

@@ -31,6 +31,8 @@ const SKIPPED_SHIFTS: f64 = 1.5;
 /// What the means remember of the setting before may be a slower part of a transient up to this part of the transient: in 2000 runs of the blind study
 /// with a second time constant it was 0.22 at most.
 const MOST_SLOW_PART: f64 = 0.25;
+/// A transient takes of the means what it is too large by, which is not beyond so many of its standard uncertainties.
+const UNSURE: f64 = 2.0;
 /// What is so many standard uncertainties is told.
 const SHOWN_PART: f64 = 3.0;
 
@@ -186,11 +188,11 @@ fn with_slow_part(means: &mut Means, found: &Inside) -> Option<Note> {
     }
     let remanence = EffectRef::new(&Remanence);
     let memory = candidate(&means.prepared.record, remanence, &remanence::of_one_cause(&found.spec.axes))?;
-    let amplitude = found.values.first().map(|(value, _)| value.abs()).filter(|value| *value > 0.0)?;
+    let (amplitude, of_transient) = found.values.first().map(|(value, std)| (value.abs(), *std)).filter(|(v, _)| *v > 0.0)?;
     let terms: Vec<&Candidate> = means.given.iter().chain([&memory]).collect();
     let estimates = means.estimates(&means.model(&terms)?, &terms)?;
     let (part, std) = estimates.last()?.first().map(|(value, std)| (value / amplitude, std / amplitude))?;
-    if part.abs() > MOST_SLOW_PART {
+    if !is_small(part, of_transient / amplitude) {
         return None;
     }
     means.given.push(memory);
@@ -204,6 +206,11 @@ fn with_slow_part(means: &mut Means, found: &Inside) -> Option<Note> {
         );
         Note::new(NoteKind::Method, text)
     })
+}
+
+/// Whether a part of a transient, which is known to a part of itself, is a small one of it.
+fn is_small(part: f64, known_to: f64) -> bool {
+    part.abs() <= MOST_SLOW_PART.max(UNSURE * known_to)
 }
 
 /// Whether an effect was looked for before the means were: a lag in the temperatures, what the samples show in the samples.
@@ -252,4 +259,16 @@ fn at_one_temperature(
     let range_k = prepared.refer(polynomials, &position.r_nom()).map_err(|e| DiagnoseError::Record(e.0))?;
     let text = format!("the readings were referred to the mean sensor temperature, which moves by {range_k:.1} K, with {file}");
     Ok(Note::new(NoteKind::Temperature, text).about(file))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_small;
+
+    /// Of a transient that is known to 60 %, a memory of a third of it is what it took too much of the means; of a sharp one it is a memory.
+    #[test]
+    fn a_transient_that_is_hardly_known_is_no_memory() {
+        assert!(is_small(0.2, 0.05) && is_small(-0.33, 0.6));
+        assert!(!is_small(-0.33, 0.05) && !is_small(1.3, 0.6));
+    }
 }

@@ -430,15 +430,15 @@ fn switched(
     line_hz: f64,
     comb: Option<&spectrum::Comb>,
 ) -> Option<(EffectRef, Comb, Switched)> {
-    let parts = |hz: f64, times: usize| (1..=MOST_ORDER).map(move |order| ((times * order) as f64, hz / order as f64));
-    // A comb is looked for where lines are: a fundamental may be too slow to be one.
-    let [slowest_hz, lowest_hz] = [waves.grid.slowest_hz(), waves.grid.lowest_hz()];
-    let of_comb = |c: &spectrum::Comb| {
-        let base_hz = c.base * waves.grid.step_hz();
-        let is_tried = move |(_, hz): &(f64, f64)| *hz == base_hz || (slowest_hz..lowest_hz).contains(hz);
-        parts(base_hz, c.strongest).filter(is_tried)
+    // A fundamental may be too slow to be looked for by itself.
+    let slow_hz = waves.grid.slowest_hz()..waves.grid.lowest_hz();
+    let parts = |hz: f64, strongest: usize, most: usize| {
+        let all = (1..=HARMONICS).map(move |order| ((strongest * order) as f64, hz / order as f64));
+        let slow_hz = slow_hz.clone();
+        all.enumerate().filter(move |(k, (_, hz))| *k < most || slow_hz.contains(hz)).map(|(_, part)| part)
     };
-    parts(line_hz, 1)
+    let of_comb = |c: &spectrum::Comb| parts(c.base * waves.grid.step_hz(), c.strongest, 1);
+    parts(line_hz, 1, MOST_ORDER)
         .chain(comb.into_iter().flat_map(of_comb))
         .flat_map(|(order, base_hz)| {
             signals.combs.iter().filter_map(move |(effect, form)| Some((*effect, *form, waves.switched(form, base_hz, order)?)))
