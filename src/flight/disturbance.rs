@@ -2,6 +2,7 @@
 
 use super::{Block, Step};
 use crate::data::time::{SECOND_NS, Tt2000};
+use crate::model::field_calibration::SYMMETRIC;
 use nalgebra::Vector3;
 
 /// One such field.
@@ -15,6 +16,22 @@ pub struct DisturbanceStep {
     pub max_gap_ns: i64,
     /// nT per unit.
     pub vector_nt_per_unit: Vector3<f64>,
+    /// Standard uncertainty of a reading, in the unit of the column: the step of its converter. It is part of the covariance that vectors share, since
+    /// a reading that changes slowly is off by the same for many of them.
+    pub std_unit: f64,
+}
+
+/// Of fewer readings nothing is said.
+const LEAST_READINGS: usize = 20;
+
+impl DisturbanceStep {
+    /// The reading that all times of a stretch have, if there are enough of them: a channel that stands tells nothing of what it should follow.
+    #[must_use]
+    pub fn standing(&self, span: &std::ops::Range<Tt2000>) -> Option<f64> {
+        let rows = self.time.partition_point(|t| *t < span.start)..self.time.partition_point(|t| *t < span.end);
+        let own = &self.reading[rows];
+        own.first().copied().filter(|first| own.len() >= LEAST_READINGS && own.iter().all(|reading| reading == first))
+    }
 }
 
 /// Readings of the housekeeping have no gap between them up to here, ns.
@@ -32,6 +49,9 @@ pub fn max_gap_ns(time: &[Tt2000]) -> i64 {
 
 impl Step for DisturbanceStep {
     fn apply(&self, block: &mut Block) {
+        let off_nt = self.vector_nt_per_unit * self.std_unit;
+        #[expect(clippy::cast_possible_truncation, reason = "uncertainties need few digits")]
+        let covariance = SYMMETRIC.map(|(i, k)| (off_nt[i] * off_nt[k]) as f32);
         let mut next = 0;
         for row in 0..block.len() {
             let time = block.time[row];
@@ -49,6 +69,9 @@ impl Step for DisturbanceStep {
             let reading = self.reading[before] + share * (self.reading[next] - self.reading[before]);
             let vector = block.vector(row) - self.vector_nt_per_unit * reading;
             block.put(row, &vector);
+            if let Some(common) = block.common_nt2.get_mut(row) {
+                common.iter_mut().zip(covariance).for_each(|(sum, own)| *sum += own);
+            }
         }
     }
 }
@@ -68,19 +91,40 @@ mod tests {
             time,
             max_gap_ns,
             vector_nt_per_unit: Vector3::new(1.0, 2.0, 0.0),
+            std_unit: 0.5,
         };
         let mut block = Block {
             time: vec![SECOND_NS / 2, 300 * SECOND_NS],
             field: [vec![10.0; 2], vec![10.0; 2], vec![10.0; 2]],
             flags: vec![0; 2],
+            common_nt2: vec![[1.0; 6]; 2],
             ..Block::default()
         };
         step.apply(&mut block);
         assert_eq!(block.vector(0), Vector3::new(8.0, 6.0, 10.0));
         assert!(block.vector(1).x.is_nan());
+        // Half a unit is half a nT of x and one nT of y.
+        assert_eq!(block.common_nt2[0], [1.25, 1.5, 1.0, 2.0, 1.0, 1.0]);
         assert_eq!(block.flags, [0, crate::data::flags::Flags::TIME.0]);
         // Slow housekeeping has its own step.
         assert_eq!(super::max_gap_ns(&[0, 100 * SECOND_NS, 200 * SECOND_NS]), 150 * SECOND_NS);
         assert_eq!(super::max_gap_ns(&[]), 60 * SECOND_NS);
+    }
+
+    #[test]
+    fn readings_that_stand_are_told() {
+        let step = |reading: Vec<f64>| DisturbanceStep {
+            time: (0..reading.len() as i64).map(|k| k * SECOND_NS).collect(),
+            reading,
+            max_gap_ns: LEAST_GAP_NS,
+            vector_nt_per_unit: Vector3::x(),
+            std_unit: 0.0,
+        };
+        let mut reading = vec![17.0; 30];
+        assert_eq!(step(reading.clone()).standing(&(0..30 * SECOND_NS)), Some(17.0));
+        assert_eq!(step(reading.clone()).standing(&(0..19 * SECOND_NS)), None);
+        reading[7] = 18.0;
+        assert_eq!(step(reading.clone()).standing(&(0..30 * SECOND_NS)), None);
+        assert_eq!(step(reading).standing(&(8 * SECOND_NS..30 * SECOND_NS)), Some(17.0));
     }
 }

@@ -31,6 +31,7 @@ mod learning;
 mod screen;
 mod states;
 mod table;
+mod unlisted;
 
 use std::ops::Range;
 
@@ -42,6 +43,7 @@ pub use cells::Cells;
 pub use closing::close;
 pub use learning::learn;
 pub use table::{TableTimes, table_times};
+pub use unlisted::unlisted;
 
 use background::Background;
 use cells::Profile;

@@ -1,4 +1,6 @@
-//! Housekeeping telemetry to physical units (RO-IGEP-TR0028 section 4.2.2).
+//! Housekeeping telemetry to physical units (RO-IGEP-TR0028 section 4.2.2), and whether it agrees with the telemetry.
+
+use crate::data::time::{SECOND_NS, Tt2000};
 
 /// Unsigned telemetry counts of `bits` bits, whose middle is zero, as counts from the lowest value.
 #[must_use]
@@ -65,9 +67,72 @@ pub fn common_factor(pairs: &[Vec<[f64; 2]>], floor: f64, part: f64) -> Option<f
     (is_large && pairs.iter().all(|list| differing(&scaled(list), floor, part).is_none())).then_some(factor)
 }
 
+/// Delays that are tried, s, from one to the next and up to the longest one.
+const DELAY_STEP_S: i64 = 16;
+const LONGEST_DELAY_S: i64 = 1808;
+/// Readings that are compared are so far apart, ns.
+const LEAST_APART_NS: i64 = 60 * SECOND_NS;
+/// Variance of the difference of two whole numbers that are rounded each.
+const ROUNDING: f64 = 1.0 / 6.0;
+/// Logarithm of the probability by which a delay is better than none: e¹⁵ is a thousand times the delays and days of a year.
+const CLEAR: f64 = 15.0;
+
+/// By how much the counts of a channel in the housekeeping come later than the same in the telemetry, s, to a step of 16 s; negative if they are
+/// earlier. `None` where they agree, or where they change too little to say it. Readings may differ by a constant.
+#[must_use]
+pub fn late_s(housekept: &[(Tt2000, f64)], telemetry: &dyn Fn(Tt2000) -> Option<f64>) -> Option<f64> {
+    // A temperature changes little within a minute: more readings tell nothing more.
+    let mut sorted = housekept.to_vec();
+    sorted.sort_by_key(|(time, _)| *time);
+    let mut apart: Vec<(Tt2000, f64)> = Vec::new();
+    for own in sorted {
+        if apart.last().is_none_or(|last| own.0 - last.0 >= LEAST_APART_NS) {
+            apart.push(own);
+        }
+    }
+    let without: Vec<(Tt2000, f64, f64)> =
+        apart.iter().filter_map(|(time, count)| Some((*time, *count, count - telemetry(*time)?))).collect();
+    let gain = |by_s: i64| -> f64 {
+        let moved = |(time, count, without): &(Tt2000, f64, f64)| Some([count - telemetry(time - by_s * SECOND_NS)?, *without]);
+        let both: Vec<[f64; 2]> = without.iter().filter_map(moved).collect();
+        if both.len() < LEAST_READINGS {
+            return 0.0;
+        }
+        let n = both.len() as f64;
+        let [with, without] = [0, 1].map(|k| {
+            let mean = both.iter().map(|own| own[k]).sum::<f64>() / n;
+            both.iter().map(|own| (own[k] - mean).powi(2)).sum::<f64>() + ROUNDING * n
+        });
+        0.5 * n * (without / with).ln()
+    };
+    let steps = LONGEST_DELAY_S / DELAY_STEP_S;
+    let all = (-steps..=steps).map(|step| step * DELAY_STEP_S).map(|by_s| (by_s, gain(by_s)));
+    let (by_s, best) = all.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (best > CLEAR).then_some(by_s as f64)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn times_of_a_thermistor_are_told_by_its_course() {
+        // A temperature that swings by 40 counts in three hours, read every 32 s, and every 64 s by the housekeeping with another offset.
+        let count = |time: Tt2000| (20.0 * (time as f64 * 1e-9 / 1700.0).sin()).round();
+        let telemetry = |time: Tt2000| (0..7200 * SECOND_NS).contains(&time).then(|| count(time - time % (32 * SECOND_NS)));
+        let late = |by_s: i64| {
+            let rows: Vec<(Tt2000, f64)> =
+                (0..112).map(|k| (64 * k + 11) * SECOND_NS).map(|time| (time + by_s * SECOND_NS, count(time) + 3.0)).collect();
+            late_s(&rows, &telemetry)
+        };
+        assert_eq!(late(0), None);
+        for by_s in [1200, -1200] {
+            assert!((late(by_s).unwrap() - by_s as f64).abs() <= 48.0, "{:?}", late(by_s));
+        }
+        // A temperature that stands tells nothing.
+        let still: Vec<(Tt2000, f64)> = (0..112).map(|k| (64 * k * SECOND_NS, 5.0)).collect();
+        assert_eq!(late_s(&still, &|_| Some(5.0)), None);
+    }
 
     #[test]
     fn the_factors_are_those_that_the_report_prints() {

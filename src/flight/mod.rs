@@ -11,6 +11,7 @@ pub mod comparison;
 pub mod counts;
 pub mod daily;
 pub mod daily_fit;
+pub mod delay;
 pub mod disturbance;
 pub mod ground;
 pub mod heater;

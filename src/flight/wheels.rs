@@ -18,8 +18,8 @@ mod stripe;
 #[cfg(test)]
 mod tests;
 
-pub use rates::WheelRates;
-pub use seen::Seen;
+pub use rates::{WheelRates, leaps};
+pub use seen::{RatesLate, Seen};
 
 use rates::{Table, seconds};
 use rayon::prelude::*;
@@ -127,6 +127,8 @@ pub struct ModeReport {
     pub lines_nt: Vec<f64>,
     /// Whether the waves of every wheel, for all multiples, and then the lines are in the data.
     pub seen: Vec<Seen>,
+    /// How late the rates are, if they are.
+    pub rates_late: Option<RatesLate>,
 }
 
 /// A multiple of a wheel's rate.
@@ -220,7 +222,7 @@ pub fn clean(
                 fitted.removed
             }
         };
-        entry.seen = seen::seen(&day, &found, &removed);
+        (entry.seen, entry.rates_late) = seen::seen(&day, &found, &removed);
         table = day.table;
         let mut squares = [0.0; 3];
         for (row, removed) in found.iter().flat_map(|s| &s.rows).zip(&removed) {

@@ -87,6 +87,8 @@ struct Vector {
     field_nt: [f64; 3],
     std_nt: [f64; 3],
     flags: u32,
+    /// Vectors that a mean is of; 0 of a single one.
+    count: i64,
 }
 
 /// Level and sensor, time and mode of a vector; of equal ones, the number.
@@ -233,6 +235,7 @@ fn vectors(out: &Path) -> Vectors {
         if own[0].len() != time.len() {
             continue;
         }
+        let counts = table.whole("count").unwrap_or_default();
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         // calfit-A-OB-20150630.parquet
         let level: String = name.split('-').skip(1).take(2).collect::<Vec<_>>().join(" ");
@@ -243,7 +246,8 @@ fn vectors(out: &Path) -> Vectors {
             *count += 1;
             let field_nt = field.each_ref().map(|c| c[row]);
             let std_nt = [0, 1, 2].map(|i| own[i][row].hypot(common[i][row]));
-            all.insert(key, Vector { field_nt, std_nt, flags: u32::try_from(flags[row]).unwrap_or(0) });
+            let count = counts.get(row).copied().unwrap_or(0);
+            all.insert(key, Vector { field_nt, std_nt, flags: u32::try_from(flags[row]).unwrap_or(0), count });
         }
     }
     all
@@ -305,7 +309,8 @@ fn outcome(kind: Kind, damage: &str, whole: &Made, found: &Made) -> Outcome {
     // What both sensors share is made of all vectors at once, also of those that are left of a day with flags.
     let any_flag = whole.vectors.iter().any(|(key, before)| is_flagged(key, before));
     for (key, before) in whole.vectors.iter().filter(|(key, _)| !(any_flag && key.0.starts_with('J'))) {
-        let Some(after) = found.vectors.get(key) else { continue };
+        // The mean of fewer vectors is another one, and says of how many it is.
+        let Some(after) = found.vectors.get(key).filter(|after| after.count == before.count) else { continue };
         let z = (0..3).map(|i| (after.field_nt[i] - before.field_nt[i]).abs() / after.std_nt[i].min(before.std_nt[i]));
         let z = z.filter(|z| z.is_finite()).fold(0.0, f64::max);
         let own = worst.entry(after.flags & !before.flags != 0).or_insert((0.0, ""));
@@ -333,6 +338,9 @@ fn not_visible(kind: Kind, damage: &str) -> Option<&'static str> {
     match (kind, damage) {
         (Kind::Attitude, _) if is_turn.contains(&damage) => Some(ATTITUDE),
         (Kind::Configuration, "scalar last stated" | "other direction of the attitude stated") => Some(ATTITUDE),
+        (Kind::Housekeeping, "first column x 2" | "first column x 1.1 from 60 % on") => Some(
+            "what follows a channel is taken off both sensors alike, and the field outside changes by more: nothing else tells the scale of a channel",
+        ),
         (Kind::Configuration, "shift of SID4 missing") => Some("nothing else tells the delay of a mode"),
         (Kind::Configuration, "heater interval half an hour late") => {
             Some("which steps of the field outside of the stated intervals are those of heaters is not known")

@@ -12,6 +12,8 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+/// No wheel turns faster, Hz: ten times the fastest flywheels.
+const MOST_HZ: f64 = 1e4;
 /// How far the norm of a quaternion may be from 1.
 const NORM: f64 = 1e-6;
 
@@ -233,7 +235,13 @@ impl Timed for WheelRates {
             let rule = "has no column of wheel rates";
             return Err(Finding::error(&path.display().to_string(), rule, "name them w1_hz, w2_hz, …, in rotations per second"));
         }
-        let rate_hz = names.iter().map(|name| table.numbers(name)).collect::<Result<_, _>>()?;
+        let rate_hz: Vec<Vec<f64>> = names.iter().map(|name| table.numbers(name)).collect::<Result<_, _>>()?;
+        for (name, rates) in names.iter().zip(&rate_hz) {
+            if let Some(row) = rates.iter().position(|hz| hz.abs() > MOST_HZ) {
+                let rule = format!("{name} = {:e} Hz is no rate of a wheel: none turns faster than {MOST_HZ} Hz", rates[row]);
+                return Err(refuse(path, table.before() + row, &rule, "correct it, or take the table again"));
+            }
+        }
         Ok(WheelRates { time_tt2000: time, rate_hz })
     }
 
@@ -444,6 +452,25 @@ mod tests {
             if let Err(finding) = opened {
                 assert!(finding.to_string().contains("row 2: `time_tt2000` says"), "{finding}");
             }
+        }
+    }
+
+    #[test]
+    fn rates_that_no_wheel_has_are_refused_with_the_row() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("wheels.parquet");
+        let leap = LeapSeconds::default();
+        let time: Vec<i64> = (0..3).map(|k| k * SECOND_NS).collect();
+        let read = |hz: f64| {
+            let columns = [("time_tt2000", Column::Whole(&time)), ("w1_hz", Column::Numbers(&[20.0, hz, 20.0]))];
+            written(&path, &columns, 3);
+            let table = Timeline::<WheelRates>::open(&path, (), TimeRule::default(), &leap).map_err(|e| e.to_string());
+            table.and_then(|(table, _)| table.over(&(0..3 * SECOND_NS), &leap).map_err(|e| e.to_string()).map(|_| ()))
+        };
+        assert_eq!(read(-9e3), Ok(()));
+        for hz in [1e308, -2e4, f64::INFINITY] {
+            let told = read(hz).unwrap_err();
+            assert!(told.contains("row 2: w1_hz = ") && told.contains("is no rate of a wheel"), "{told}");
         }
     }
 

@@ -89,10 +89,15 @@ impl Table {
         self.runs[wheel][at.row]
     }
 
+    /// Rate of a wheel at a place.
+    pub fn rate_hz(&self, wheel: usize, at: Place) -> f64 {
+        self.rates[wheel][at.row] + at.since_s * self.slope(wheel, at.row)
+    }
+
     /// Lowest and highest rate of a wheel in the time between two places.
     pub fn rates_between(&self, wheel: usize, from: Place, to: Place) -> [f64; 2] {
         let rates = &self.rates[wheel];
-        let ends = [from, to].map(|at| rates[at.row] + at.since_s * self.slope(wheel, at.row));
+        let ends = [from, to].map(|at| self.rate_hz(wheel, at));
         let low = rates[from.row + 1..=to.row.max(from.row)].iter().fold(ends[0].min(ends[1]), |low, r| low.min(*r));
         let high = rates[from.row + 1..=to.row.max(from.row)].iter().fold(ends[0].max(ends[1]), |high, r| high.max(*r));
         [low, high]
@@ -102,6 +107,24 @@ impl Table {
         let rates = &self.rates[wheel];
         rates.get(row + 1).map_or(0.0, |next| (next - rates[row]) / seconds(self.times[row + 1] - self.times[row]))
     }
+}
+
+/// No wheel changes its rate faster, Hz per s: a torque of 0.2 N m changes that of one of 0.1 kg m² by a third of it.
+const FASTEST_HZ_PER_S: f64 = 1.0;
+
+/// For every wheel, from 0, the times in a stretch at which its rate is not reached from that of the row before.
+#[must_use]
+pub fn leaps(wheels: &WheelRates, span: &std::ops::Range<i64>) -> Vec<(usize, Vec<i64>)> {
+    let of_one = |rates: &Vec<f64>| -> Vec<i64> {
+        let rows = (1..wheels.time_tt2000.len().min(rates.len())).filter(|row| span.contains(&wheels.time_tt2000[*row]));
+        let is_leap = |row: &usize| {
+            let step_s = seconds(wheels.time_tt2000[*row] - wheels.time_tt2000[row - 1]);
+            (rates[*row] - rates[row - 1]).abs() > FASTEST_HZ_PER_S * step_s
+        };
+        rows.filter(is_leap).map(|row| wheels.time_tt2000[row]).collect()
+    };
+    let all = wheels.rate_hz.iter().map(of_one).enumerate();
+    all.filter(|(_, times)| !times.is_empty()).collect()
 }
 
 impl Place {
@@ -172,6 +195,15 @@ mod tests {
         let table = Table::new(&wheels, 60.0).unwrap();
         let rows = |wheel: usize| [0, 1, 2, 3, 5].map(|row| table.equal_rows(wheel, table.place(8 * row * S, 0).unwrap().0));
         assert_eq!((rows(0), rows(1)), ([2, 2, 1, 3, 3], [6; 5]));
+    }
+
+    #[test]
+    fn rates_that_no_wheel_reaches_are_told() {
+        // A row every 8 s: 7.9 Hz is reached in that time, 8.1 Hz is not, and a missing rate says nothing.
+        let rate_hz = vec![vec![20.0, 27.9, 20.0, f64::NAN, 0.0, 0.0], vec![3.0, 3.0, 11.1, 11.2, 11.3, 11.4]];
+        let wheels = WheelRates { time_tt2000: (0..6).map(|t| 8 * t * S).collect(), rate_hz };
+        assert_eq!(leaps(&wheels, &(0..100 * S)), [(1, vec![16 * S])]);
+        assert!(leaps(&wheels, &(17 * S..100 * S)).is_empty());
     }
 
     #[test]

@@ -5,6 +5,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::time::Tt2000;
 use crate::files::flight::mission::{OffsetFrame, Sensor};
 use crate::flight::comparison::{Course, Disagreement, compare};
+use crate::flight::delay::delay;
 use crate::flight::table_edges::{TableEdge, steps_at_edges};
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -19,7 +20,7 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 #[derive(Debug, Default)]
 pub struct Courses {
     waiting: Mutex<BTreeMap<i32, (usize, Course)>>,
-    notes: Mutex<BTreeMap<i32, Note>>,
+    notes: Mutex<BTreeMap<i32, Vec<Note>>>,
 }
 
 impl Courses {
@@ -45,36 +46,58 @@ impl Courses {
             let state = mission.sensors[*first].rotations.iter().find(|state| state.span.holds(time));
             state.map(|state| state.uvw_to_sc.transpose())
         };
-        let Some(found) = compare(own, other, &axes) else { return };
         let [first, second] = [first, second].map(|index| mission.sensors[*index].name.as_str());
-        let day_text = day_name(day);
-        let text = match found {
-            Disagreement::Unrelated => {
-                format!("on {day_text} the field changes from minute to minute at {second} in another way than at {first}")
-            }
-            Disagreement::Components(list) => {
-                let one = |(axis, factors): &(usize, [f64; 3])| {
-                    let sum: Vec<String> =
-                        factors.iter().zip(AXES).map(|(factor, axis)| format!("{factor:+.2} {axis}")).collect();
-                    format!("{} of {second} as {}", AXES[*axis], sum.join(" "))
-                };
-                let all: Vec<String> = list.iter().map(one).collect();
-                format!(
-                    "on {day_text} changes from minute to minute, in axes of {first}, are not alike: {} of {first}",
-                    all.join(", ")
-                )
-            }
-        };
-        let remedy = "check axes, signs, scale, rotations and times of both; a source on the spacecraft that is stronger than the field \
-                      outside changes the sizes as well";
-        let note = Note::new(NoteKind::Mismatch, text).about(second).with_remedy(remedy);
-        self.notes.lock().unwrap_or_else(PoisonError::into_inner).insert(day, note);
+        let notes: Vec<Note> = late(own, other, [first, second], day)
+            .into_iter()
+            .chain(compare(own, other, &axes).map(|found| unlike(&found, [first, second], day)))
+            .collect();
+        if !notes.is_empty() {
+            self.notes.lock().unwrap_or_else(PoisonError::into_inner).insert(day, notes);
+        }
     }
 
     /// What was found, day by day.
     pub fn notes(&self) -> Vec<Note> {
-        self.notes.lock().unwrap_or_else(PoisonError::into_inner).values().cloned().collect()
+        self.notes.lock().unwrap_or_else(PoisonError::into_inner).values().flatten().cloned().collect()
     }
+}
+
+/// A note on changes of one sensor that are not those of the other.
+fn unlike(found: &Disagreement, [first, second]: [&str; 2], day: i32) -> Note {
+    let day_text = day_name(day);
+    let text = match found {
+        Disagreement::Unrelated => {
+            format!("on {day_text} the field changes from minute to minute at {second} in another way than at {first}")
+        }
+        Disagreement::Components(list) => {
+            let one = |(axis, factors): &(usize, [f64; 3])| {
+                let sum: Vec<String> = factors.iter().zip(AXES).map(|(factor, axis)| format!("{factor:+.2} {axis}")).collect();
+                format!("{} of {second} as {}", AXES[*axis], sum.join(" "))
+            };
+            let all: Vec<String> = list.iter().map(one).collect();
+            format!(
+                "on {day_text} changes from minute to minute, in axes of {first}, are not alike: {} of {first}",
+                all.join(", ")
+            )
+        }
+    };
+    let remedy = "check axes, signs, scale, rotations and times of both; a source on the spacecraft that is stronger than the field \
+                  outside changes the sizes as well";
+    Note::new(NoteKind::Mismatch, text).about(second).with_remedy(remedy)
+}
+
+/// A note on times of one sensor that are late against those of the other.
+fn late(own: &Course, other: &Course, [first, second]: [&str; 2], day: i32) -> Option<Note> {
+    let found = delay(own, other)?;
+    let (early, late) = if found.second_late_s > 0.0 { (first, second) } else { (second, first) };
+    let text = format!(
+        "on {} the field changes {:.1} s +- {:.1} s later at {late} than at {early}, and it reaches both at once",
+        day_name(day),
+        found.second_late_s.abs(),
+        found.std_s
+    );
+    let remedy = "check the time scale and the clock of both, and the shifts of their modes";
+    Some(Note::new(NoteKind::Mismatch, text).about(second).with_remedy(remedy))
 }
 
 /// Notes on steps of the field of a sensor in axes of the spacecraft where its boom states or its table of offsets change within a day.

@@ -28,6 +28,10 @@ const UNSEEN_NS: i64 = 3 * SECOND_NS;
 /// Of fewer windows nothing is said of wheels; a wave that is seen in at most one of so many is no more than noise.
 const LEAST_WINDOWS: usize = 10;
 
+/// Steps like those of heaters at other times than those of the table, of fewer of which nothing is said: a lost row takes two of them away, and
+/// the field outside steps now and then.
+const LEAST_UNLISTED: usize = 3;
+
 /// What stands in place of a sensor where both are meant.
 pub const COMMON: &str = "common";
 
@@ -113,6 +117,16 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
              off is noise"
         )),
     }));
+    let unlisted: Vec<Tt2000> =
+        heater::unlisted(&cells, &classes, &options).into_iter().filter(|time| day.contains(time)).collect();
+    if let Some(first) = unlisted.first().filter(|_| unlisted.len() >= LEAST_UNLISTED) {
+        made.notes.push(format!(
+            "the field steps as a heater does at {} times at which the heater table has no row, first at {}: rows are missing, and what these heaters \
+             add stays",
+            unlisted.len(),
+            context.prepared.leap.utc(*first)
+        ));
+    }
     let short = || cells.iter().flat_map(|cells| &cells.short);
     short().for_each(|row| all.flags[*row] |= Flags::HEATER.0);
     let count = short().filter(|row| day.contains(&all.time[**row])).count();
@@ -206,6 +220,15 @@ pub fn without_wheels(
     let report = wheels::clean(&all.time, &all.mode, &modes, &table, &options, &mut all.field_nt, &mut all.flags)
         .map_err(|e| Finding::error(&made.sensor, e.to_string(), "see [wheels] and [[mode]]"))?;
     put_back(&all, blocks);
+    for (wheel, times) in wheels::leaps(&table, &context.span()) {
+        made.notes.push(format!(
+            "the rate of wheel {} leaps {} times from one row of the table to the next, first at {}: no wheel does, and what is taken off there is \
+             wrong",
+            wheel + 1,
+            times.len(),
+            prepared.leap.utc(times[0])
+        ));
+    }
     let mut spectra = Vec::new();
     for (index, (mode, found)) in prepared.mission.modes.iter().zip(&report.modes).enumerate() {
         let name = |place: usize| match place.checked_sub(table.rate_hz.len() * options.harmonics.len()) {
@@ -230,6 +253,15 @@ pub fn without_wheels(
         let beside = told(&|own| 2 * own.beside >= own.windows, &|own| own.beside);
         if !beside.is_empty() {
             made.notes.push(format!("{}: strong lines are left close to {beside}: check their rates", mode.sid));
+        }
+        if let Some(late) = found.rates_late {
+            let side = if late.late_s > 0.0 { "late" } else { "early" };
+            made.notes.push(format!(
+                "{}: the waves of the wheels say that the table of their rates is {:.0} s +- {:.0} s {side}: check its times",
+                mode.sid,
+                late.late_s.abs(),
+                late.std_s
+            ));
         }
         let Some(found) = WheelsFound::of(found) else { continue };
         made.wheels.insert(mode.sid.clone(), found);

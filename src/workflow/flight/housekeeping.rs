@@ -11,7 +11,7 @@ use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
 use crate::flight::Block;
 use crate::flight::assemble::RowCounts;
-use crate::flight::housekeeping::{common_factor, differing, field_ent, negative_v, positive_v, reference_v};
+use crate::flight::housekeeping::{common_factor, differing, field_ent, late_s, negative_v, positive_v, reference_v};
 use crate::flight::made::DayMade;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -53,7 +53,7 @@ pub fn make(prepared: &Prepared, options: &FlightOptions, day: i32) -> Result<Op
 }
 
 /// Bits of the unsigned counts of a column; `None` for a column that is not one of this instrument.
-fn bits_of(prepared: &Prepared, column: &str) -> Option<i32> {
+pub fn bits_of(prepared: &Prepared, column: &str) -> Option<i32> {
     match column {
         "ref_voltage" => Some(20),
         "pos_voltage" | "neg_voltage" => Some(8),
@@ -131,20 +131,27 @@ const FIELD_ENT: f64 = 10.0;
 const FIELD_PART: f64 = 0.05;
 /// The same of the thermistor, counts: 2 K of those of Rosetta.
 const THERMISTOR_COUNTS: f64 = 70.0;
+/// Thermistors of modes with longer packets do not tell times, s, and delays that are shorter are not told.
+const LONGEST_PACKET_S: f64 = 128.0;
 /// A vector belongs to a reading that is no further from it, ns.
 const BESIDE_NS: i64 = 2 * SECOND_NS;
 
-/// A note on counts of a sensor of a day that its housekeeping has otherwise. There is none where it does not have them, or cannot be read, which
-/// the day of the housekeeping says.
-pub fn against_telemetry(prepared: &Prepared, index: usize, day: i32, blocks: &[Block]) -> Option<String> {
+/// Notes on counts of a sensor of a day that its housekeeping has otherwise, or at other times. There is none where it does not have them, or cannot
+/// be read, which the day of the housekeeping says.
+pub fn against_telemetry(prepared: &Prepared, index: usize, day: i32, blocks: &[Block]) -> Vec<String> {
     let sensor = &prepared.mission.sensors[index];
     let name = sensor.name.to_lowercase();
     let thermistor = plain(&sensor.thermistor_column);
     let columns = [format!("bx_{name}"), format!("by_{name}"), format!("bz_{name}"), thermistor];
     let files = prepared.mission.hk.as_ref().and_then(|folder| day_files(folder).ok()).unwrap_or_default();
     let mut pairs: [Vec<[f64; 2]>; 4] = Default::default();
+    let mut thermistors: Vec<(i64, f64)> = Vec::new();
     for file in files.iter().filter(|file| file.day == Some(day)) {
         let Ok(own) = HousekeepingFile::open(prepared, file) else { continue };
+        let all: Vec<usize> = (0..own.time.len()).collect();
+        if let Ok(Some(readings)) = own.readings(prepared, &columns[3], &all) {
+            thermistors.extend(own.time.iter().copied().zip(readings));
+        }
         let beside: Vec<(usize, &Block, usize)> = (0..own.time.len())
             .filter_map(|reading| beside(blocks, own.time[reading]).map(|(block, row)| (reading, block, row)))
             .collect();
@@ -173,12 +180,30 @@ pub fn against_telemetry(prepared: &Prepared, index: usize, day: i32, blocks: &[
     if let Some(factor) = factor.filter(|_| (0..3).all(|k| is_apart(&k))) {
         found.push(format!("all three by a factor {factor:.3}"));
     }
-    (!found.is_empty()).then(|| {
+    let unlike = (!found.is_empty()).then(|| {
         format!(
             "readings of the housekeeping differ from the telemetry beside them, {}: one of the two has other axes, another scale or other times",
             found.join(", ")
         )
-    })
+    });
+    unlike.into_iter().chain(late(prepared, blocks, &thermistors)).collect()
+}
+
+/// A note on times of the housekeeping that are not those of the telemetry, told by the thermistor that both of them have.
+fn late(prepared: &Prepared, blocks: &[Block], housekept: &[(i64, f64)]) -> Option<String> {
+    // A thermistor is read once in a packet.
+    let is_long = |mode: u8| prepared.mission.modes[usize::from(mode)].packet_s > LONGEST_PACKET_S;
+    let telemetry = |time: i64| {
+        let (block, row) = beside(blocks, time)?;
+        (!is_long(block.mode[row])).then(|| block.thermistor[row])
+    };
+    let late_s = late_s(housekept, &telemetry).filter(|late_s| late_s.abs() > LONGEST_PACKET_S)?;
+    let side = if late_s > 0.0 { "later" } else { "earlier" };
+    Some(format!(
+        "the thermistor of the housekeeping changes about {:.0} s {side} than that of the telemetry: one of the two has other times, and so \
+         has a field that follows the housekeeping",
+        late_s.abs()
+    ))
 }
 
 /// The vector that is nearest to a time, if it is near.

@@ -1,6 +1,6 @@
 //! The steps of a sensor, made of what the configuration states.
 
-use super::housekeeping::HousekeepingFile;
+use super::housekeeping::{HousekeepingFile, bits_of};
 use super::{Carry, Ground, Prepared};
 use crate::data::error::Finding;
 use crate::data::flags::Flags;
@@ -115,7 +115,15 @@ impl Steps {
                 }
                 "disturbance" => {
                     for stated in &mission.disturbances {
-                        list.push((stage, Box::new(disturbance(prepared, stated, days)?)));
+                        let step = disturbance(prepared, stated, days)?;
+                        notes.extend(step.standing(&prepared.leap.day(day)).map(|reading| {
+                            format!(
+                                "`{}` of the housekeeping stands at {reading} all day: what follows it is taken off as if it did not change; check \
+                                 the channel",
+                                stated.column
+                            )
+                        }));
+                        list.push((stage, Box::new(step)));
                     }
                 }
                 "rotate" => {
@@ -273,7 +281,10 @@ fn disturbance(
     rows.sort_by_key(|(time, _)| *time);
     rows.dedup_by_key(|(time, _)| *time);
     let (time, reading): (Vec<i64>, Vec<f64>) = rows.into_iter().unzip();
-    Ok(DisturbanceStep { max_gap_ns: max_gap_ns(&time), time, reading, vector_nt_per_unit: stated.vector_nt_per_unit })
+    // A channel of the instrument has whole counts.
+    let std_unit = if bits_of(prepared, &plain(&stated.column)).is_some() { 12.0_f64.sqrt().recip() } else { 0.0 };
+    let vector_nt_per_unit = stated.vector_nt_per_unit;
+    Ok(DisturbanceStep { max_gap_ns: max_gap_ns(&time), time, reading, vector_nt_per_unit, std_unit })
 }
 
 /// The thermometer of a sensor, if it has one.

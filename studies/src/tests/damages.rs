@@ -39,17 +39,42 @@ fn other_runs_are_not_wrong_without_a_word() {
 
 #[test]
 fn flight_inputs_are_never_wrong_without_a_word() {
-    let wanted =
-        ["no file", "first column reversed", "time_tt2000 + 10 s, others right", "every second row lost", "roles exchanged"];
+    let wanted = [
+        "no file",
+        "first column reversed",
+        "time_tt2000 + 10 s, others right",
+        "+ 10 s",
+        "every second row lost",
+        "roles exchanged",
+    ];
     let few: Vec<&flight::Damage> = flight::ALL.iter().filter(|d| wanted.contains(&d.name)).collect();
     let cells = flight::table(&[flight::Kind::Science], &few, "A").unwrap();
     let of = |name: &str| &cells.iter().find(|c| c.damage == name).unwrap().outcome;
     let told = |outcome: &Outcome| matches!(outcome, Outcome::Warned(of) if of.contains("note"));
     assert_eq!((of("time_tt2000 + 10 s, others right"), of("roles exchanged")), (&Outcome::Refused, &Outcome::NotThere));
     assert!(
-        told(of("first column reversed")) && told(of("every second row lost")),
+        told(of("first column reversed")) && told(of("every second row lost")) && told(of("+ 10 s")),
         "{:?}",
         cells.iter().map(|c| &c.outcome).collect::<Vec<_>>()
     );
     assert!(silent(&cells).is_empty());
+}
+
+/// Damages of what stands beside the telemetry, with the levels in which they are told.
+#[test]
+fn tables_beside_the_telemetry_are_never_wrong_without_a_word() {
+    let all = [
+        (flight::Kind::Housekeeping, "A", ["first column stands", "- 20 min"].as_slice()),
+        (flight::Kind::Heaters, "K", ["a tenth of the rows lost at once", "every second row lost"].as_slice()),
+        (flight::Kind::Wheels, "H", ["200 bytes of zeros inside", "TAI in place of TT"].as_slice()),
+        (flight::Kind::Configuration, "B", ["boom deployed 10 min late"].as_slice()),
+    ];
+    for (kind, levels, wanted) in all {
+        let few: Vec<&flight::Damage> = flight::ALL.iter().filter(|d| wanted.contains(&d.name)).collect();
+        assert_eq!(few.len(), wanted.len());
+        for cell in flight::table(&[kind], &few, levels).unwrap() {
+            let told = matches!(&cell.outcome, Outcome::Warned(of) if of.contains("note"));
+            assert!(told, "{} in {}: {:?}", cell.damage, cell.kind.name(), cell.outcome);
+        }
+    }
 }
