@@ -506,16 +506,16 @@ fn nothing_outside_passes_without_its_flag() {
     let rows = [(inside, 20.0), (inside, 61.0), (strong, 20.0), (inside, f64::NAN), ([f64::NAN, 0.0, 0.0], 20.0)];
     let files: [&Path; 2] = [&made.tpf, &made.tof];
     let found = by_command(&files, &rows, &made.case, &[]);
-    assert_eq!(found.flags, [0, 1, 1 << 16, 1 << 17, 0]);
+    assert_eq!(found.flags, [0, 1, 1 << 16, 1 << 17, 1 << 18]);
     let is_empty = |c: &Calibrated| -> Vec<bool> { (0..5).map(|i| c.field[i][0].is_nan() && c.std[i][2].is_nan()).collect() };
     assert_eq!(is_empty(&found), [false, false, false, true, true]);
     // At temperatures outside of the calibration the field is given, and no uncertainty of it.
     assert_eq!([0, 1, 2].map(|i| found.std[i].iter().all(|u| u.is_nan())), [false, true, false]);
     let found = by_command(&files, &rows, &made.case, &["--outside", "null"]);
-    assert_eq!(found.flags, [0, 1, 1 << 16, 1 << 17, 0]);
+    assert_eq!(found.flags, [0, 1, 1 << 16, 1 << 17, 1 << 18]);
     assert_eq!(is_empty(&found), [false, true, true, true, true]);
     let found = by_command(&files, &rows, &made.case, &["--temperature", "20"]);
-    assert_eq!(found.flags, [0, 0, 1 << 16, 0, 0]);
+    assert_eq!(found.flags, [0, 0, 1 << 16, 0, 1 << 18]);
 
     let data = made.case.path().join("raw.csv");
     let out = made.case.path().join("refused");
@@ -557,7 +557,7 @@ fn what_makes_no_calibration_is_refused() {
         says(&text(&output.stderr), words);
         assert!(!out.join("raw.calibrated.csv").exists());
     };
-    refused(&[&made.tof], &[], &["state no sensitivities and angles"]);
+    refused(&[&made.tof], &[], &[".TOF: states no sensitivities and angles"]);
     refused(&[&made.tpf, &made.tcf], &[], &["states sensitivities and angles, and so does"]);
     refused(&[&made.tcf, &made.tof], &[], &["states the offset, and so does"]);
     refused(&[&made.tof, &made.tof, &made.tpf], &[], &["states the offset, and so does"]);

@@ -2,7 +2,7 @@
 
 use crate::common::check::data;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::{Path, PathBuf};
@@ -130,6 +130,46 @@ fn the_page_on_flight_data_works() {
 #[test]
 fn the_page_on_twins_in_flight_works() {
     run("docs/reference/telemetry-twin.md");
+}
+
+/// Who reads the pages one after the other has one folder: each result folder in it belongs to one campaign, and `import` writes over no
+/// campaign that is there.
+#[test]
+fn the_pages_share_no_folder_for_different_campaigns() {
+    let mut sources: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    let mut imported: BTreeSet<String> = BTreeSet::new();
+    for page in pages() {
+        let script = commands(&page).replace("\\\n", " ").replace("&&", "\n").replace("cargo run --release --", "calfit");
+        for line in script.lines() {
+            let words: Vec<&str> = line.split_whitespace().collect();
+            let [program, command, rest @ ..] = words.as_slice() else { continue };
+            let out = rest.iter().position(|word| *word == "-o").and_then(|at| rest.get(at + 1)).copied();
+            let with_index = ["lin", "offset", "freq", "thermal", "null", "report", "diagnose", "coil", "simulate"];
+            if *program != "calfit" || rest.contains(&"--guess") {
+                continue;
+            } else if *command == "import" {
+                let out = out.unwrap_or_default().to_owned();
+                assert!(imported.insert(out.clone()), "{}: {out} is there already: {line}", page.display());
+            } else if with_index.contains(command) {
+                let skipped = usize::from(*command == "coil");
+                let path = rest.iter().skip(skipped).find(|word| !word.starts_with('-')).copied().unwrap_or_default();
+                // A run of a campaign belongs to it; what is in the clone is named by its whole path.
+                let is_made = !["runs/", "tests/", "configs/"].iter().any(|folder| path.starts_with(folder));
+                let campaign = if is_made { path.split('/').next().unwrap_or_default() } else { path };
+                sources.entry(out.unwrap_or("calfit-out").to_owned()).or_default().insert(campaign.to_owned());
+            }
+        }
+    }
+    assert!(sources.len() > 15 && !imported.is_empty(), "{sources:?}");
+    let shared: Vec<_> = sources.iter().filter(|(_, campaigns)| campaigns.len() > 1).collect();
+    assert!(shared.is_empty(), "{shared:#?}");
+}
+
+/// In pandas `flags` is an attribute of every table, so that a column of this name is none.
+#[test]
+fn columns_are_not_named_as_attributes_that_tables_of_pandas_have() {
+    let wrong: Vec<_> = pages().into_iter().filter(|page| read(page).contains("c.flags")).collect();
+    assert!(wrong.is_empty(), "{wrong:?}");
 }
 
 /// A page with commands that no test above runs is a page whose commands may be wrong.

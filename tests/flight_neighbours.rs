@@ -265,3 +265,30 @@ fn vectors_beyond_the_table_of_the_thermistor_are_null_with_their_flag() {
     assert_eq!(output.status.code(), Some(2));
     says(&text(&output.stderr), &["THERMISTOR__FM-IB.toml", "at which the calibration does not hold"]);
 }
+
+/// Levels of an earlier state of telemetry or configuration stay beside those that are made now, which has to be said.
+#[test]
+fn levels_from_before_that_are_of_other_inputs_are_told() {
+    let set = Set::of("telemetry");
+    let said = |levels: &str| {
+        let output = set.flight(levels, &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        text(&output.stdout)
+    };
+    assert!(!said("ABE").contains("from before"));
+    assert!(!said("A").contains("from before"));
+    let path = set.path("flight.toml");
+    let configuration = fs::read_to_string(&path).unwrap();
+    fs::write(&path, format!("{configuration}\n# looked through\n")).unwrap();
+    let told = said("AB");
+    says(
+        &told,
+        &[
+            "note: level E of OB on 2015-06-30 stands in the folder from before",
+            "`calfit flight all`",
+            "level E of IB on 2015-07-01",
+        ],
+    );
+    assert!(!told.contains("level A of"), "{told}");
+    assert!(!said("E").contains("from before"));
+}

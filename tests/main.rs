@@ -50,6 +50,7 @@ mod recipe;
 mod reference_complete;
 mod report;
 mod result_folder;
+mod result_folder_left;
 mod rosetta;
 mod scale;
 mod screens;

@@ -39,6 +39,38 @@ fn a_misspelt_table_is_named_with_the_nearest_key() {
     says(&said, &["campaign.toml", "the key `positon` is not known and was not used; the nearest known key is `position`"]);
 }
 
+/// A key that is no slip of another one is not said to be near one.
+#[test]
+fn a_key_that_resembles_none_is_told_with_those_that_are_known() {
+    let case = sample("[[requirement]]\nmax = 1.0\n");
+    let (status, said) = told(&case, "lin");
+    assert_eq!(status, Some(0), "{said}");
+    says(&said, &["the key `requirement` is not known and was not used; known keys here are", "`position`", "`exclude`"]);
+    assert!(!said.contains("nearest"), "{said}");
+}
+
+/// What a TOML file is follows from its name, or from keys that only one kind has.
+#[test]
+fn check_takes_no_toml_for_a_campaign_file_that_is_not_named_so() {
+    let case = Case::new();
+    let telemetry = repository("configs/rosetta-telemetry.toml");
+    let output = calfit().arg("check").arg(&telemetry).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert!(!text(&output.stderr).contains("is not known"), "{}", text(&output.stderr));
+    let wrong = case.put("twin.toml", std::fs::read_to_string(&telemetry).unwrap().replace("truth_every", "truth_evry"));
+    for (path, words) in [
+        (wrong, vec!["truth_evry", "truth_every"]),
+        (case.put("other.toml", "foo = 1\n"), vec!["other.toml", "is no TOML file that calfit knows", "campaign.toml"]),
+        (case.put("broken.toml", "foo = \n"), vec!["broken.toml"]),
+    ] {
+        let output = calfit().arg("check").arg(&path).output().unwrap();
+        assert_eq!(output.status.code(), Some(1), "{}", path.display());
+        says(&text(&output.stderr), &words);
+    }
+    let campaign = case.put("campaign.toml", "name = \"A\"\n");
+    assert_eq!(calfit().arg("check").arg(&campaign).output().unwrap().status.code(), Some(0));
+}
+
 #[test]
 fn a_list_of_runs_that_names_none_is_named() {
     let case = sample("[lin]\nruns = [\"26-01-15_09-00-99\"]\n");
@@ -58,6 +90,11 @@ fn a_location_that_cannot_be_is_refused_by_name() {
             ["26-01-15_09-00-00", "a second time"],
         ),
         ("[[at]]\nlocation = \"off-centre\"", ["`at.runs`", "missing"]),
+        // The entry that lacks it is named by its line.
+        (
+            "[[at]]\nruns = [\"26-01-15_09-00-00\"]\n[[at]]\nlocation = \"off-centre\"",
+            ["campaign.toml:38: the key `at.runs`", "missing"],
+        ),
     ];
     for (more, words) in refused {
         let case = sample(more);

@@ -97,6 +97,16 @@ fn the_report_of_a_campaign_with_all_kinds_of_runs_shows_in_a_browser() {
             "coverage factor 1",
         ],
     );
+    // A caption names no figure that is not there.
+    let mut named = 0;
+    for (name, bytes) in tree(&out).iter().filter(|(name, _)| name.ends_with(".md")) {
+        let page = text(bytes);
+        if page.contains("the figure of the residuals shows them") {
+            named += 1;
+            assert!(page.contains("Residuals of the thermal model"), "{name}");
+        }
+    }
+    assert!(named >= 2, "{named}");
     let html = out.join("REPORT.html");
     let page = fs::read_to_string(&html).unwrap();
     assert_eq!(page.matches("<img").count(), markdown.matches("\n![").count());

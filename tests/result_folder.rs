@@ -14,36 +14,36 @@ use std::process::{Output, Stdio};
 use std::time::{Duration, Instant};
 
 /// Linearity runs of the sample campaign.
-const RUNS: [&str; 4] = ["26-01-15_09-00-00", "26-01-16_09-00-00", "26-01-17_09-00-00", "26-01-18_09-00-00"];
-const TPF: &str = "THERMAL_PARAMETER__26-01-15-09-00-00.TPF";
+pub(crate) const RUNS: [&str; 4] = ["26-01-15_09-00-00", "26-01-16_09-00-00", "26-01-17_09-00-00", "26-01-18_09-00-00"];
+pub(crate) const TPF: &str = "THERMAL_PARAMETER__26-01-15-09-00-00.TPF";
 const TOF: &str = "THERMAL_OFF_PARAMETER__26-01-15-09-30-00.TOF";
 const TAF: &str = "THERMAL_AC_PARAMETER__26-01-15-10-00-00.TAF";
 
 /// A copy of the sample campaign: linearity and offset runs at four temperatures, frequency runs at three.
-fn sample() -> Case {
+pub(crate) fn sample() -> Case {
     let case = Case::new();
     copy(&data("runs/sample"), &case.campaign());
     case
 }
 
-fn run(arguments: &[&str], paths: &[&Path]) -> Output {
+pub(crate) fn run(arguments: &[&str], paths: &[&Path]) -> Output {
     calfit().args(arguments).args(paths).output().unwrap()
 }
 
 /// A command into the result folder of a case, which must succeed; its messages.
 #[track_caller]
-fn done(case: &Case, arguments: &[&str], paths: &[&Path]) -> String {
+pub(crate) fn done(case: &Case, arguments: &[&str], paths: &[&Path]) -> String {
     let output = run(&[arguments, &["--no-plots", "-o"]].concat(), &[&[case.out().as_path()], paths].concat());
     assert_eq!(output.status.code(), Some(0), "{arguments:?}: {}", text(&output.stderr));
     truthful(&case.out());
     text(&output.stderr)
 }
 
-fn report(case: &Case) -> String {
+pub(crate) fn report(case: &Case) -> String {
     done(case, &["report"], &[&case.campaign()])
 }
 
-fn index(out: &Path) -> Value {
+pub(crate) fn index(out: &Path) -> Value {
     serde_json::from_slice(&fs::read(out.join("INDEX.json")).unwrap()).unwrap()
 }
 
@@ -93,7 +93,7 @@ fn truthful(out: &Path) {
     }
 }
 
-fn stale(out: &Path) -> BTreeSet<String> {
+pub(crate) fn stale(out: &Path) -> BTreeSet<String> {
     let index = index(out);
     let files = index["files"].as_array().unwrap().iter().filter(|f| f["stale"] == true);
     files.map(|f| f["path"].as_str().unwrap().to_owned()).collect()
@@ -105,7 +105,7 @@ fn entry(out: &Path, path: &str) -> Value {
     found.unwrap_or_else(|| panic!("no {path} in the index")).clone()
 }
 
-fn state(out: &Path, id: &str) -> String {
+pub(crate) fn state(out: &Path, id: &str) -> String {
     index(out)["runs"][id]["state"].as_str().unwrap().to_owned()
 }
 
@@ -115,13 +115,13 @@ fn verify(out: &Path) -> (Option<i32>, String) {
 }
 
 /// The rows of a table of all runs by their run ids.
-fn rows(out: &Path, table: &str) -> BTreeMap<String, String> {
+pub(crate) fn rows(out: &Path, table: &str) -> BTreeMap<String, String> {
     let text = fs::read_to_string(out.join(table)).unwrap();
     let lines = text.lines().filter(|line| !line.starts_with('#')).skip(1);
     lines.map(|line| (line.split(',').next().unwrap().to_owned(), line.to_owned())).collect()
 }
 
-fn cpf(id: &str, begin: &str) -> String {
+pub(crate) fn cpf(id: &str, begin: &str) -> String {
     format!("{id}/PARAMETER_{begin}__{id}.CPF")
 }
 
@@ -422,6 +422,8 @@ fn files_that_were_changed_or_taken_away_are_named() {
     says(&said, &["campaign/13-04-03/09-22-38.CCR", "figures, tables and reports are as they were written"]);
     let check = run(&["check"], &[&out, &case.campaign()]);
     assert_eq!(check.status.code(), Some(0), "{}", text(&check.stderr));
+    let table = run(&["check"], &[&out.join("LIN_PARAMETERS.parquet")]);
+    assert_eq!(table.status.code(), Some(0), "{}", text(&table.stderr));
     // The run, the index, the parameter file.
     says(&text(&check.stdout), &["INDEX.json: ok", ".CPF: ok", "09-22-38.CCR: ok", "3 of 3 files are without errors"]);
 

@@ -115,6 +115,37 @@ fn campaign(twin: &Twin, seed: u64) -> Case {
     case
 }
 
+/// What the temperature does within a window is no noise of its settings.
+#[test]
+fn windows_scatter_about_the_truth_as_their_uncertainties_say() {
+    let twin = demo();
+    let case = campaign(&twin, 11);
+    swept(&case, &["--order", "sigma=1", "--order", "xi=1", "--order", "b_or=2", "--lag", "none"]);
+    let table = fs::read_to_string(case.out().join(format!("{SWEEP}/SWEEP_WINDOWS__{SWEEP}.csv"))).unwrap();
+    let mut lines = table.lines().filter(|line| !line.starts_with('#'));
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    let rows: Vec<Vec<f64>> = lines.map(|line| line.split(',').map(|cell| cell.parse().unwrap_or(f64::NAN)).collect()).collect();
+    let cell = |row: &[f64], name: &str| row[names.iter().position(|n| *n == name).unwrap()];
+    // Every so many windows share no settings.
+    let apart: Vec<&Vec<f64>> = rows.iter().step_by(24).collect();
+    let rms = |of: &dyn Fn(&[f64]) -> f64| (apart.iter().map(|row| of(row).powi(2)).sum::<f64>() / apart.len() as f64).sqrt();
+    let off = |row: &[f64], i: usize| {
+        let wanted = truth(&twin, cell(row, "temperature_degc"))[i];
+        [cell(row, NAMES[i]) / wanted - 1.0, cell(row, &format!("{}_std", NAMES[i])) / wanted]
+    };
+    for i in 0..3 {
+        let ratio = rms(&|row| off(row, i)[0] / off(row, i)[1]);
+        println!("{}: rms of error over uncertainty {ratio:.2} of {} windows", NAMES[i], apart.len());
+        assert!((0.7..1.4).contains(&ratio), "{}: {ratio}", NAMES[i]);
+    }
+    let mean = rms(&|row| {
+        let all = [0, 1, 2].map(|i| off(row, i));
+        all.iter().map(|[error, _]| error).sum::<f64>() / all.iter().map(|[_, std]| std * std).sum::<f64>().sqrt()
+    });
+    println!("mean of the three: {mean:.2}");
+    assert!((0.7..1.4).contains(&mean), "{mean}");
+}
+
 /// The parameter file of its sweep, and what the terminal said.
 fn swept(case: &Case, arguments: &[&str]) -> (DocumentMut, String) {
     let out = case.out();

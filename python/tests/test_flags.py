@@ -13,7 +13,7 @@ def repeated(n):
 
 
 def test_the_bits_are_those_of_the_contract():
-    assert (calfit.TEMPERATURE, calfit.FIELD, calfit.NO_TEMPERATURE) == (1, 65536, 131072)
+    assert (calfit.TEMPERATURE, calfit.FIELD, calfit.NO_TEMPERATURE, calfit.NO_READING) == (1, 65536, 131072, 262144)
 
 
 def test_temperatures_outside_of_a_file(tmp_path):
@@ -78,7 +78,7 @@ def test_polynomials_need_one(tmp_path, kind):
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_reading_that_is_not_finite_gives_no_field_and_no_bit(tmp_path, bad):
+def test_a_reading_that_is_not_finite_gives_no_field_and_says_so(tmp_path, bad):
     limited = make.changed(make.cpf(), "valid.field_coil_nt", [[-2000.0, 1900.0]] * 3)
     for document, t in ((limited, None), (make.tpf(), 20.0), (make.linearised(make.cpf()), None)):
         p = calfit.read(make.put(tmp_path, "A.toml", document))
@@ -87,7 +87,9 @@ def test_a_reading_that_is_not_finite_gives_no_field_and_no_bit(tmp_path, bad):
             raw[axis][0] = bad
             b, u, flags = p.apply(*raw, t)
             assert np.isnan(b[0]).all() and np.isnan(u[0]).all() and np.isfinite(b[1]).all()
-            assert flags.tolist() == [0, 0]
+            assert flags.tolist() == [262144, 0]
+            with pytest.raises(calfit.Refused, match="at index 0"):
+                p.apply(*raw, t, outside="error")
 
 
 @pytest.mark.parametrize("frame", ["sensor", "coil"])

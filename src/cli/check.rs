@@ -9,8 +9,11 @@ use crate::data::run::{Vector, VectorSink};
 use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
 use crate::files::import::mapping;
+use crate::files::output::is_own;
 use crate::files::parameter::FileKind;
 use crate::files::source::{digest, small_text};
+#[cfg(feature = "tables")]
+use crate::files::table::series::SeriesTable;
 use crate::files::{amplitudes, campaign, ccr, facility, index, mag, twin};
 use crate::model::campaign::Instructions;
 use crate::record::temperature_faults::{self, ChannelFault};
@@ -172,6 +175,8 @@ fn check(path: &Path, common: &Common, readings: &mut Option<u64>) -> (Vec<Findi
         rpcmag::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
         check_toml(path, &mut findings).err()
+    } else if name.ends_with(".PARQUET") && is_own(path).unwrap_or(false) {
+        check_table(path).err()
     } else if name.ends_with(".CSV") && is_of_amplitudes(path) {
         amplitudes::read(path, &mut findings).err()
     } else {
@@ -199,10 +204,14 @@ fn check(path: &Path, common: &Common, readings: &mut Option<u64>) -> (Vec<Findi
     (findings, stale)
 }
 
-/// Configurations of `flight`, mappings, twins, facility files and campaign files are all TOML of any name, told apart by their keys.
+/// Configurations of `flight`, mappings, twins and facility files are TOML of any name, told apart by keys that only they have; a campaign
+/// file is told by its name.
 fn check_toml(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
     let text = small_text(path).unwrap_or_default();
-    if is_flight(path) {
+    let is_campaign = path.file_name().is_some_and(|name| name == "campaign.toml");
+    if !is_campaign && twin::telemetry::is_telemetry(path)? {
+        twin::telemetry::read(path, findings).map(drop)
+    } else if is_flight(path) {
         findings.extend(check_flight(path));
         Ok(())
     } else if mapping::is_mapping(&text) {
@@ -211,11 +220,11 @@ fn check_toml(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
         twin::read(path, findings).map(drop)
     } else if facility::is_facility(&text) {
         facility::read(path).map(drop)
+    } else if !is_campaign {
+        let rule = "is no TOML file that calfit knows: it is not named campaign.toml, has no `format`, and no keys of a twin, a facility, a mapping or a configuration of flight";
+        Err(Finding::error(&path.display().to_string(), rule, "check its name, or the spelling of its keys"))
     } else {
         let (file, _) = campaign::file::read(path, findings)?;
-        if path.file_name().is_none_or(|name| name != "campaign.toml") {
-            return Ok(());
-        }
         let root = path.parent().unwrap_or(path);
         campaign::check_files(root, &file).and_then(|()| campaign::check_locations(root, &file))
     }
@@ -224,6 +233,17 @@ fn check_toml(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
 #[cfg(feature = "tables")]
 fn is_flight(path: &Path) -> bool {
     crate::files::flight::is_mission(path)
+}
+
+/// Tables that calfit wrote: levels and what a day needs of those before it, tables of all runs, calibrated readings.
+#[cfg(feature = "tables")]
+fn check_table(path: &Path) -> Result<(), Finding> {
+    SeriesTable::open(path).map(drop)
+}
+
+#[cfg(not(feature = "tables"))]
+fn check_table(_path: &Path) -> Result<(), Finding> {
+    Ok(())
 }
 
 #[cfg(feature = "tables")]
@@ -264,7 +284,10 @@ fn check_index(path: &Path, findings: &mut Vec<Finding>) -> Result<usize, Findin
             say(&entry.path, Severity::Warning, rule, index.remedy(entry));
         }
         if let Some(state) = entry.mark {
-            let rule = format!("is of a run that is {state}");
+            let rule = match &entry.reason {
+                Some(reason) => format!("cannot be made again: {reason}"),
+                None => format!("is of a run that is {state}"),
+            };
             say(&entry.path, Severity::Warning, rule, "leave it out, or take it away");
         }
     }

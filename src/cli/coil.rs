@@ -33,7 +33,7 @@ enum Method {
 
 #[derive(Args, Debug)]
 struct ScalarArguments {
-    /// Campaign folders or run files with @SCALAR rows; several runs are several calibrations of one facility. From three on at
+    /// A campaign folder or run files with @SCALAR rows; several runs are several calibrations of one facility. From three on at
     /// different temperatures the coefficients of the coil temperature are found as well.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
@@ -45,7 +45,7 @@ struct ScalarArguments {
 
 #[derive(Args, Debug)]
 struct ResidualArguments {
-    /// Campaign folders or run files whose @SCALAR rows hold +F and -F on one axis, every run a state of the facility; or one table
+    /// A campaign folder or run files whose @SCALAR rows hold +F and -F on one axis, every run a state of the facility; or one table
     /// axis,state,plus_nt,minus_nt and optionally std_nt (.csv): axis X, Y or Z, state as `before nulling`, moduli at +F and -F.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
@@ -95,7 +95,7 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
     if let [table] = own.paths.as_slice()
         && ends_with(table, "csv")
     {
-        common.results.places([table]);
+        common.results.accept_tables([table])?;
         let mut findings = Vec::new();
         let made = residual_of_table(table, &mut findings)?;
         findings.iter().for_each(|f| terminal.finding(f));
@@ -113,7 +113,8 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
 
 fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let (cpfs, others): (Vec<PathBuf>, Vec<PathBuf>) = own.paths.iter().cloned().partition(|path| is_named::<Cpf>(path));
-    common.results.places(others.iter().filter(|path| ends_with(path, "csv")).chain(&own.facility));
+    common.results.accept_tables(others.iter().filter(|path| ends_with(path, "csv")))?;
+    common.results.places(&own.facility);
     common.results.accept_files(&cpfs)?;
     let facility = facility(own.facility.as_ref())?;
     let mut input = TiltInput::default();

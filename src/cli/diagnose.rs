@@ -24,7 +24,7 @@ use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders or run files; a configuration of flight processing (flight.toml); tables of run results (.csv) and linear calibrations (.CPF) of several runs, which are looked
+    /// A campaign folder or run files; a configuration of flight processing (flight.toml); tables of run results (.csv) and linear calibrations (.CPF) of several runs, which are looked
     /// at together, as are linearity runs of one sensor.
     #[arg(required_unless_present = "amplitudes", value_name = "PATH")]
     paths: Vec<PathBuf>,
@@ -174,7 +174,7 @@ fn flight(path: &Path, arguments: &Arguments, common: &Common, terminal: &Termin
 
 /// Tables of amplitudes, one after the other.
 fn tables(paths: &[PathBuf], common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    common.results.places(paths);
+    common.results.accept_tables(paths)?;
     let desk = common.desk();
     let mut seen: Vec<String> = Vec::new();
     let results = paths.iter().map(|path| {
@@ -243,14 +243,19 @@ fn told(
     Ok((done, failures))
 }
 
+/// Whether a path is that of a table of run results, by its ending.
+fn is_table(path: &Path) -> bool {
+    path.extension().is_some_and(|end| end.eq_ignore_ascii_case("csv"))
+}
+
 /// Takes tables and parameter files among the paths; the rest is returned.
 fn parameters(paths: &[PathBuf], together: &mut Across, common: &Common, terminal: &Terminal) -> Result<Vec<PathBuf>, Finding> {
     let (cpfs, rest): (Vec<PathBuf>, Vec<PathBuf>) = paths.iter().cloned().partition(|path| is_named::<Cpf>(path));
-    common.results.places(rest.iter().filter(|path| path.is_file()));
+    common.results.accept_tables(rest.iter().filter(|path| is_table(path)))?;
     common.results.accept_files(&cpfs)?;
     let mut others = Vec::new();
     for path in paths {
-        if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) {
+        if is_table(path) {
             let mut findings = Vec::new();
             let read = together.table(path, &mut findings);
             findings.iter().for_each(|f| terminal.finding(f));

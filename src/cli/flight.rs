@@ -127,6 +127,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     made.notes.extend(made.days_missing());
     made.notes.extend(flight.comparisons());
     flight.finish()?;
+    made.notes.extend(flight.beside(&made.days));
     if common.json {
         terminal.print(&json(&made)?);
     } else {

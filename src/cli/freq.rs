@@ -13,7 +13,7 @@ use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders or run files.
+    /// A campaign folder, or run files.
     #[arg(required_unless_present = "amplitudes", value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// A table of amplitudes in place of runs: frequency_hz,bx_ent,by_ent,bz_ent. Its name without freq_ is the run id.
@@ -30,7 +30,8 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    common.results.places(arguments.amplitudes.iter().chain(&arguments.model));
+    common.results.accept_tables(&arguments.amplitudes)?;
+    common.results.places(&arguments.model);
     let options =
         Options { settling: arguments.settling, allow_gain: common.allows(Allow::Gain), model: known(arguments.model.as_ref())? };
     if arguments.amplitudes.is_empty() {

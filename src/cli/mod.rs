@@ -32,7 +32,7 @@ use crate::data::run::Kind;
 use crate::data::run_state::{Outcome, RunState};
 use crate::files::campaign::Campaign;
 use crate::files::campaign::file::CampaignFile;
-use crate::workflow::{Desk, Failure, Job, Results, jobs};
+use crate::workflow::{Desk, Failure, Job, Left, Results, jobs};
 use clap::parser::ValueSource;
 use clap::{ArgAction, ArgMatches, Args, ColorChoice, FromArgMatches, Parser, Subcommand, ValueEnum};
 use options::Excluding;
@@ -295,7 +295,7 @@ fn execute(mut cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
     let results = cli.common.results.clone();
     let status = dispatch(cli, terminal);
     match results.close() {
-        Ok(stale) => tell_stale(&stale, terminal),
+        Ok(left) => tell_left(&left, terminal),
         Err(finding) => {
             terminal.finding(&finding);
             return status.map(|status| status.max(Status::Partly));
@@ -305,17 +305,25 @@ fn execute(mut cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
 }
 
 /// Names files that are there and rest on others that were changed.
-fn tell_stale(stale: &[String], terminal: &Terminal) {
+fn tell_left(left: &Left, terminal: &Terminal) {
     const MOST: usize = 3;
-    if stale.is_empty() {
-        return;
+    let named = |files: &[String]| {
+        let more = if files.len() > MOST { ", ..." } else { "" };
+        files.iter().take(MOST).map(String::as_str).collect::<Vec<_>>().join(", ") + more
+    };
+    let count = |files: &[String]| if files.len() == 1 { "1 file is".to_owned() } else { format!("{} files are", files.len()) };
+    if !left.stale.is_empty() {
+        let (count, names) = (count(&left.stale), named(&left.stale));
+        terminal.warning(&format!(
+            "{count} stale, made from what has changed since: {names}; INDEX.json says why; make them again with `calfit report` or the command of each"
+        ));
     }
-    let more = if stale.len() > MOST { ", ..." } else { "" };
-    let names = stale.iter().take(MOST).map(String::as_str).collect::<Vec<_>>().join(", ");
-    let count = if stale.len() == 1 { "1 file is".to_owned() } else { format!("{} files are", stale.len()) };
-    terminal.warning(&format!(
-        "{count} stale, made from what has changed since: {names}{more}; INDEX.json says why; make them again with `calfit report` or the command of each"
-    ));
+    if !left.given_up.is_empty() {
+        let (count, names) = (count(&left.given_up), named(&left.given_up));
+        terminal.warning(&format!(
+            "{count} marked: the runs that are left do not give what was made before: {names}; INDEX.json says why; leave them out, or take them away"
+        ));
+    }
 }
 
 fn dispatch(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {

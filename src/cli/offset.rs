@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders or run files.
+    /// A campaign folder, or run files.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// Linear calibration of the same sensor and mode: its sensitivities give the offsets in nT as well.

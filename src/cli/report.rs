@@ -94,6 +94,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     for files in across.groups.iter().map(|group| &group.thermal.runs.files).chain(across.centres.iter().map(|made| &made.pair)) {
         publish_thermal_names(&measured, files, &work.desk)?;
     }
+    // The files of coils, thermistors and ground calibration, which follow, stand in no table of runs.
+    common.results.all_made();
     if let Err(finding) = common.results.renew_tables(&work.desk) {
         work.failures.push(("the tables of all runs".to_owned(), Failure::Refused(finding)));
     }

@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, run files, parameter files (.CPF, .OPF, .FPF; with --centre also .TPF), or folders of parameter files.
+    /// A campaign folder, run files, parameter files (.CPF, .OPF, .FPF; with --centre also .TPF), or folders of parameter files.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
     #[command(flatten)]

@@ -34,15 +34,18 @@ impl Flags {
     pub const FIELD: Self = Self(1 << 16);
     /// The temperature is not known.
     pub const NO_TEMPERATURE: Self = Self(1 << 17);
+    /// A component of the reading is missing or is no finite number.
+    pub const NO_READING: Self = Self(1 << 18);
     /// The flags that applying a calibration can set, with their words.
-    pub const OF_CALIBRATION: [(Self, &'static str); 3] = [
+    pub const OF_CALIBRATION: [(Self, &'static str); 4] = [
         (Self::TEMPERATURE, "temperature outside the range of the calibration"),
         (Self::FIELD, "field outside the range of the calibration"),
         (Self::NO_TEMPERATURE, "temperature not known"),
+        (Self::NO_READING, "reading missing or no number"),
     ];
 
     /// All flags, with their words.
-    pub const ALL: [(Self, &'static str); 13] = [
+    pub const ALL: [(Self, &'static str); 14] = [
         (Self::TEMPERATURE, "temperature outside the range of the calibration"),
         (Self::ROTATION, "no boom state"),
         (Self::JUMP, "outside the table of offsets"),
@@ -56,6 +59,7 @@ impl Flags {
         (Self::TIME, "outside the validity in time"),
         (Self::FIELD, "field outside the range of the calibration"),
         (Self::NO_TEMPERATURE, "temperature not known"),
+        (Self::NO_READING, "reading missing or no number"),
     ];
 
     /// Whether one of these is set.

@@ -88,10 +88,11 @@ pub struct FileEntry {
     pub command: String,
     /// What it was made from is not there any more as it was then.
     pub stale: bool,
-    /// Why it is stale.
+    /// Why it is stale, or why it cannot be made again.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
-    /// State of the run that it is named after, if that run has no results any more: it is gone from the campaign, refused or left out.
+    /// State of the run that it is named after, if that run has no results any more: it is gone from the campaign, refused or left out. With
+    /// a reason that of a run that it rests on: what is left of the campaign gives no such file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mark: Option<RunState>,
     /// Kinds of what a person should know about it, each once, for parameter files and diagnoses.
@@ -116,6 +117,12 @@ impl FileEntry {
         of_name || self.path.split_once('/').is_some_and(|(folder, _)| folder == run)
     }
 
+    /// Whether it is marked since a report of the campaign as it is could not make it.
+    #[must_use]
+    pub fn is_given_up(&self) -> bool {
+        self.mark.is_some() && self.reason.is_some()
+    }
+
     /// What files of groups of one kind share: the name up to the run, the ending, and the command. Those of a run lie in its folder.
     fn kind_of_group(&self) -> Option<(&str, &str, &str)> {
         if self.path.contains('/') {
@@ -123,6 +130,25 @@ impl FileEntry {
         }
         let (stem, ending) = self.path.rsplit_once('.').unwrap_or((&self.path, ""));
         Some((stem.split_once("__").map_or(stem, |(kind, _)| kind), ending, &self.command))
+    }
+
+    /// Whether an analysis made it that looks at runs of others.
+    fn looks(&self) -> bool {
+        LOOKING.iter().any(|command| self.command.starts_with(command))
+    }
+
+    /// Whether a run of this state gives it nothing now. Who looks at a run that the campaign does not use has a result all the same.
+    fn lacks(&self, state: RunState) -> bool {
+        state.is_over() && (state != RunState::NotApplicable || !self.looks())
+    }
+
+    /// What is wrong with it as something that others rest on.
+    fn as_basis(&self) -> String {
+        match self.mark {
+            Some(_) if self.reason.is_some() => format!("{} cannot be made again", self.path),
+            Some(state) => format!("{} is of a run that is {state}", self.path),
+            None => format!("{} is stale", self.path),
+        }
     }
 
     /// The last part of its path.
@@ -199,35 +225,34 @@ impl Index {
         }
     }
 
-    /// Says of every file anew whether it is stale and whether its run has no results any more.
+    /// Says of every file anew whether it is stale, whether its run has no results any more, and of those that were given up whether they
+    /// still are.
     pub fn judge(&mut self) {
-        let over: Vec<(&String, &RunEntry)> = self
-            .runs
-            .iter()
-            .filter(|(_, run)| matches!(run.state, RunState::Gone | RunState::Excluded | RunState::Refused))
-            .collect();
-        let marks: Vec<Option<RunState>> =
-            self.files.iter().map(|file| over.iter().find(|(id, _)| file.is_named_after(id)).map(|(_, run)| run.state)).collect();
-        self.files.iter_mut().zip(&marks).for_each(|(file, mark)| file.mark = *mark);
-        let runs: HashMap<&str, (&String, &RunEntry)> =
-            self.runs.iter().filter_map(|(id, run)| Some((run.path.as_deref()?, (id, run)))).collect();
+        let given_up: BTreeSet<usize> = (0..self.files.len()).filter(|i| self.files[*i].is_given_up()).collect();
+        let over: Vec<(&String, &RunEntry)> = self.runs.iter().filter(|(_, run)| run.state.is_over()).collect();
+        let mark = |file: &FileEntry| {
+            let (_, run) = over.iter().find(|(id, _)| file.is_named_after(id))?;
+            file.lacks(run.state).then_some(run.state)
+        };
+        let marks: Vec<Option<RunState>> = self.files.iter().map(mark).collect();
+        for (file, mark) in self.files.iter_mut().zip(marks) {
+            (file.mark, file.reason) = (mark, None);
+        }
+        self.give_up_of(given_up);
+        let runs = self.runs_by_path();
         let outdated = |file: &FileEntry| self.outdated(file, |path| runs.get(path).copied());
         let mut reasons: Vec<Option<String>> =
-            self.files.iter().zip(&marks).map(|(file, mark)| mark.map_or_else(|| outdated(file), |_| None)).collect();
+            self.files.iter().map(|file| if file.mark.is_some() { file.reason.clone() } else { outdated(file) }).collect();
         // What rests on a stale file is stale, and polynomials and the calibrations of their runs rest on each other.
         loop {
-            let is_old = |i: &usize| reasons[*i].is_some() || marks[*i].is_some();
+            let is_old = |i: &usize| reasons[*i].is_some() || self.files[*i].mark.is_some();
             let old: BTreeMap<&str, usize> =
                 (0..self.files.len()).filter(is_old).map(|i| (self.files[i].path.as_str(), i)).collect();
             let next: Vec<(usize, String)> = (0..self.files.len())
                 .filter(|i| !is_old(i))
                 .filter_map(|i| {
-                    let (path, at) = self.files[i].from.iter().find_map(|v| old.get_key_value(v.path.as_str()))?;
-                    Some((
-                        i,
-                        marks[*at]
-                            .map_or_else(|| format!("{path} is stale"), |state| format!("{path} is of a run that is {state}")),
-                    ))
+                    let at = self.files[i].from.iter().find_map(|v| old.get(v.path.as_str()))?;
+                    Some((i, self.files[*at].as_basis()))
                 })
                 .collect();
             if next.is_empty() {
@@ -238,9 +263,47 @@ impl Index {
             }
         }
         for (file, reason) in self.files.iter_mut().zip(reasons) {
-            file.stale = reason.is_some();
+            file.stale = reason.is_some() && file.mark.is_none();
             file.reason = reason;
         }
+    }
+
+    /// Marks stale files that a report of the whole campaign has not made again, since they rest on runs without results.
+    pub fn give_up(&mut self, is_written: impl Fn(&str) -> bool) {
+        let is_left = |file: &FileEntry| file.stale && !is_written(&file.path);
+        self.give_up_of((0..self.files.len()).filter(|i| is_left(&self.files[*i])).collect());
+        self.judge();
+    }
+
+    /// Marks those of some files that rest on runs without results, or on files that are marked.
+    fn give_up_of(&mut self, mut candidates: BTreeSet<usize>) {
+        loop {
+            let runs = self.runs_by_path();
+            let why = |file: &FileEntry| {
+                file.from.iter().find_map(|from| {
+                    let of_run = runs.get(from.path.as_str()).filter(|(_, run)| file.lacks(run.state));
+                    let of_run = of_run.map(|(id, run)| (run.state, without_result(id, run.state)));
+                    of_run.or_else(|| {
+                        let basis = self.file(&from.path)?;
+                        Some((basis.mark?, basis.as_basis()))
+                    })
+                })
+            };
+            let open = candidates.iter().filter(|i| self.files[**i].mark.is_none());
+            let found: Vec<(usize, (RunState, String))> = open.filter_map(|i| Some((*i, why(&self.files[*i])?))).collect();
+            if found.is_empty() {
+                return;
+            }
+            for (i, (state, reason)) in found {
+                candidates.remove(&i);
+                (self.files[i].mark, self.files[i].reason, self.files[i].stale) = (Some(state), Some(reason), false);
+            }
+        }
+    }
+
+    /// The runs with their ids by the paths of their files.
+    fn runs_by_path(&self) -> HashMap<&str, (&String, &RunEntry)> {
+        self.runs.iter().filter_map(|(id, run)| Some((run.path.as_deref()?, (id, run)))).collect()
     }
 
     /// Passes over stale files, and those of runs without results, that were deleted, unless something that is there rests on them: nobody
@@ -293,7 +356,7 @@ impl Index {
         if let Some(larger) = self.made_from_more(file) {
             return Some(format!("{} has been made from the same runs and more", larger.path));
         }
-        let looks = LOOKING.iter().any(|command| file.command.starts_with(command));
+        let looks = file.looks();
         file.from.iter().find_map(|from| {
             let path = &from.path;
             if let Some(now) = self.file(path) {
@@ -305,9 +368,8 @@ impl Index {
             }
             let (id, run) = run_of(path)?;
             match run.state {
-                RunState::Gone => Some(format!("run {id} is gone from the campaign")),
-                RunState::Excluded if !looks => Some(format!("run {id} is left out now")),
-                RunState::Refused if !looks => Some(format!("run {id} is refused now")),
+                RunState::Gone => Some(without_result(id, run.state)),
+                RunState::Excluded | RunState::Refused if !looks => Some(without_result(id, run.state)),
                 _ if run.sha256.as_ref().is_some_and(|now| *now != from.sha256) => Some(format!("{path} was changed")),
                 _ => None,
             }
@@ -320,10 +382,21 @@ impl Index {
         file.replaces.iter().find(changed)
     }
 
-    /// Whether the calibration of a run alone is younger than that of the thermal group, which stands in its place and has this path.
+    /// Whether the calibration of a run alone is younger than that of the thermal group, which stands in its place and has this path, or the
+    /// group has no polynomials any more.
     #[must_use]
     pub fn is_overtaken(&self, path: &str) -> bool {
-        self.file(path).is_some_and(|file| self.remade(file).is_some())
+        self.file(path).is_some_and(|file| file.is_given_up() || self.remade(file).is_some())
+    }
+}
+
+/// Why nothing can be made from a run again.
+fn without_result(id: &str, state: RunState) -> String {
+    match state {
+        RunState::Gone => format!("run {id} is gone from the campaign"),
+        RunState::Excluded => format!("run {id} is left out now"),
+        RunState::Refused => format!("run {id} is refused now"),
+        RunState::Done | RunState::NotApplicable => format!("run {id} is not analysed now"),
     }
 }
 
@@ -414,6 +487,34 @@ mod tests {
         index.judge();
         assert_eq!(index.file("13-04-03_09/B.CPF").unwrap().mark, Some(RunState::Gone));
         assert!(index.file("REPORT.md").unwrap().stale);
+    }
+
+    #[test]
+    fn what_no_report_can_make_again_is_marked_until_its_runs_are_back() {
+        let mut index = folder();
+        let set = |index: &mut Index, state| {
+            index.runs.get_mut("13-04-03_09").unwrap().set(Outcome { state, reason: None });
+            index.judge();
+        };
+        set(&mut index, RunState::Excluded);
+        assert_eq!(stale(&index), ["13-04-03_08/A.CPF", "REPORT.md", "T__13-04-03-08.TPF"]);
+        // The report itself was written.
+        index.put(entry("REPORT.md", "r2", &[("a.CCR", "a")]));
+        index.judge();
+        index.give_up(|path| path == "REPORT.md");
+        let given_up =
+            |index: &Index| -> Vec<String> { index.files.iter().filter(|f| f.is_given_up()).map(|f| f.path.clone()).collect() };
+        assert!(stale(&index).is_empty());
+        assert_eq!(given_up(&index), ["13-04-03_08/A.CPF", "T__13-04-03-08.TPF"]);
+        assert_eq!(index.file("T__13-04-03-08.TPF").unwrap().mark, Some(RunState::Excluded));
+        assert_eq!(index.file("T__13-04-03-08.TPF").unwrap().reason.as_deref(), Some("run 13-04-03_09 is left out now"));
+        assert!(index.is_overtaken("13-04-03_08/A.CPF"));
+        // It stays so, and what is made from it is stale.
+        index.put(entry("X.png", "x", &[("T__13-04-03-08.TPF", "t")]));
+        index.judge();
+        assert_eq!((stale(&index), given_up(&index).len()), (vec!["X.png"], 2));
+        set(&mut index, RunState::Done);
+        assert!(stale(&index).is_empty() && given_up(&index).is_empty());
     }
 
     #[test]

@@ -20,6 +20,12 @@ pub enum RunState {
 }
 
 impl RunState {
+    /// Whether results that a run of this state has are of another time: it gives none now.
+    #[must_use]
+    pub fn is_over(self) -> bool {
+        self != RunState::Done
+    }
+
     /// The name in files.
     #[must_use]
     pub fn as_str(self) -> &'static str {

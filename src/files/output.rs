@@ -270,7 +270,7 @@ pub fn is_gone(path: &Path) -> bool {
 ///
 /// # Errors
 /// It is there and cannot be read.
-pub(super) fn is_own(path: &Path) -> std::io::Result<bool> {
+pub fn is_own(path: &Path) -> std::io::Result<bool> {
     if path.extension().is_some_and(|end| end == "TAB") {
         return is_own(&path.with_extension("LBL"));
     }

@@ -356,6 +356,10 @@ impl FieldCalibration {
     #[must_use]
     pub fn apply(&self, reading: Reading, degc: Option<f64>) -> CalibratedField {
         let mut found = CalibratedField::NONE;
+        let is_reading = reading.0.iter().all(|r| r.is_finite());
+        if !is_reading {
+            found.flags |= Flags::NO_READING;
+        }
         let degc = degc.filter(|t| t.is_finite());
         match (degc, self.parts.valid_degc) {
             (Some(t), Some([low, high])) if !(low..=high).contains(&t) => found.flags |= Flags::TEMPERATURE,
@@ -368,7 +372,7 @@ impl FieldCalibration {
         }
         // Without a temperature nothing depends on it.
         let degc = degc.unwrap_or(0.0);
-        if reading.0.iter().any(|r| !r.is_finite()) {
+        if !is_reading {
             return found;
         }
         let measured = Vector3::from(self.linearised_ent(reading)) - Vector3::from(self.three(Parameter::Offset, degc));

@@ -1,7 +1,7 @@
 //! The figures of a continuous temperature sweep.
 
 use super::parts::{COIL, Named, STYLES, TimeAxis, panels};
-use super::thermal::polynomials;
+use super::thermal::{Points, polynomials};
 use super::{Figure, Marks, Panel, Scale, Series, Style};
 use crate::data::across::LagForm;
 use crate::measure::sweep::{Sweep, WindowFit};
@@ -16,7 +16,8 @@ pub fn figures(sweep: &Sweep) -> Vec<Named> {
     let time = TimeAxis::of(end_s, sweep.run.start.as_ref());
     let figure = |family: &str, title: &str, symbol: &str| {
         let curves: Vec<&QuantityFit> = sweep.quantities.iter().filter(|c| c.found.name.starts_with(family)).collect();
-        polynomials(&curves, Some(&sweep.channel), "sliding windows", &format!("{title}, {of}"), symbol)
+        let points = Points { words: "sliding windows", have_residuals: false };
+        polynomials(&curves, Some(&sweep.channel), &points, &format!("{title}, {of}"), symbol)
     };
     vec![
         Named { stem: "branches", figure: branches(sweep, &of) },

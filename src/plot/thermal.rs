@@ -14,7 +14,8 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
     let mut list = vec![Named { stem: "temperature_profile", figure: profile(head, &of) }];
     let curves = |family: &str| thermal.quantities.iter().filter(|c| c.family() == family).collect::<Vec<&QuantityFit>>();
     let polynomial = |family: &str, title: &str, symbol: &str| {
-        polynomials(&curves(family), head.channel.as_deref(), "runs", &format!("{title}, {of}"), symbol)
+        let points = Points { words: "runs", have_residuals: matches!(thermal.of_kind, OfKind::Lin(_)) };
+        polynomials(&curves(family), head.channel.as_deref(), &points, &format!("{title}, {of}"), symbol)
     };
     match &thermal.of_kind {
         OfKind::Lin(lin) => {
@@ -68,7 +69,7 @@ pub fn figures(thermal: &Thermal) -> Vec<Named> {
                     caption: match sampling.means_hz() {
                         [Some(mean), Some(std)] => {
                             format!(
-                                "Mean of the components per run; mean of the runs {mean:.6} Hz, mean uncertainty {std:.1e} Hz."
+                                "Mean of the components per run with its standard uncertainty; mean of the runs {mean:.6} Hz, mean uncertainty {std:.1e} Hz."
                             )
                         }
                         _ => "The files tell no sampling frequency.".to_owned(),
@@ -147,22 +148,32 @@ fn coil(head: &RunsUsed, of: &str) -> Figure {
     )
 }
 
-/// Quantities with their polynomials; `points` says what the points are.
-pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: &str, title: &str, symbol: &str) -> Figure {
+/// What the points of a figure of polynomials are.
+pub(super) struct Points {
+    /// In words.
+    pub words: &'static str,
+    /// Another figure shows what the polynomials leave of them.
+    pub have_residuals: bool,
+}
+
+/// Quantities with their polynomials.
+pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: &Points, title: &str, symbol: &str) -> Figure {
     let has_joint = fits.iter().any(|f| !f.joint_band.is_empty());
     let orders: Vec<String> = fits.iter().map(|f| format!("{} {}", f.found.name, f.polynomial.order())).collect();
     let has_common = fits.iter().any(|f| f.common.as_ref().is_some_and(|all| !all.is_empty()));
     let shared = if has_common { " What the runs share of the facility is in neither." } else { "" };
     let joint = if has_joint {
-        " The dashed line is the joint fit to the plateaus of all runs; where the two agree it lies on the polynomial."
+        " The joint fit is that to the plateaus of all runs; where the two agree its line lies below that of the polynomial."
     } else {
         ""
     };
+    let shown = if points.have_residuals { ", and the figure of the residuals shows them" } else { "" };
     Figure {
         title: title.to_owned(),
         caption: format!(
-            "Values of the {points} with their standard uncertainty, polynomial and its 95 % band; where no bar or band is seen they are smaller than \
-             marks and line, and the figure of the residuals shows them. Orders: {}.{shared}{joint}",
+            "Values of the {} with their standard uncertainty, polynomial and its 95 % band; where no bar or band is seen they are smaller than \
+             marks and line{shown}. Orders: {}.{shared}{joint}",
+            points.words,
             orders.join(", ")
         ),
         x_label: temperature_label(channel),
@@ -171,7 +182,16 @@ pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: 
             .iter()
             .zip(STYLES)
             .map(|(curve, style)| {
-                let mut series = vec![
+                let mut series = Vec::new();
+                // What is drawn first lies below.
+                if !curve.joint_band.is_empty() {
+                    series.push(Series {
+                        label: "joint fit".to_owned(),
+                        style: Style::Second,
+                        marks: Marks::Line(curve.joint_band.iter().map(|[t, v, _]| (*t, *v)).collect()),
+                    });
+                }
+                series.extend([
                     Series {
                         label: "95 % band".to_owned(),
                         style,
@@ -188,14 +208,7 @@ pub(super) fn polynomials(fits: &[&QuantityFit], channel: Option<&str>, points: 
                         style,
                         marks: Marks::Line(curve.band.iter().map(|[t, v, _]| (*t, *v)).collect()),
                     },
-                ];
-                if !curve.joint_band.is_empty() {
-                    series.push(Series {
-                        label: "joint fit".to_owned(),
-                        style: Style::Second,
-                        marks: Marks::Line(curve.joint_band.iter().map(|[t, v, _]| (*t, *v)).collect()),
-                    });
-                }
+                ]);
                 series.push(Series {
                     label: format!("{symbol}_{}", curve.component),
                     style,
@@ -287,9 +300,11 @@ fn rotation(r: &RunRotations, head: &RunsUsed, of: &str) -> Figure {
 
 /// Three quantities with their standard uncertainties, nan where not known, against the temperature of the runs.
 fn against_temperature(head: &RunsUsed, title: &str, caption: &str, values: [(&str, &Vec<f64>, &Vec<f64>); 3]) -> Figure {
+    let has_bars = values.iter().any(|(_, _, std)| std.iter().any(|s| s.is_finite()));
+    let bars = if has_bars { " Bars are standard uncertainties; where none is seen it is smaller than the mark." } else { "" };
     Figure {
         title: title.to_owned(),
-        caption: caption.to_owned(),
+        caption: format!("{caption}{bars}"),
         x_label: temperature_label(head.channel.as_deref()),
         x_scale: Scale::Linear,
         panels: panels(|i| {

@@ -149,7 +149,7 @@ pub fn applied(
     let names: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
     let all = names.join(", ");
     let (Some((matrix_path, parts, frame_words)), Some((sensor, mode, _))) = (matrix, of) else {
-        let rule = "state no sensitivities and angles";
+        let rule = format!("{} no sensitivities and angles", if names.len() == 1 { "states" } else { "state" });
         return Err(Finding::error(&all, rule, "name a CPF, TPF or TCF file, or a ground calibration file"));
     };
     let refuse = |e: CalibrationError| Finding::error(&all, e.to_string(), "name files that make one calibration together");
@@ -307,7 +307,7 @@ struct Statement<'a> {
 const COLUMNS: [(&str, &str); 3] = [
     ("bx_nt, by_nt, bz_nt", "field, nT, in the frame stated"),
     ("u_bx_nt, u_by_nt, u_bz_nt", "its standard uncertainty, nT"),
-    ("flags", "bits: 1 temperature outside, 65536 field outside, 131072 no temperature"),
+    ("flags", "bits: 1 temperature outside, 65536 field outside, 131072 no temperature, 262144 no reading"),
 ];
 const UNCERTAINTY: &str = "standard uncertainty, coverage factor 1, from the covariance of the coefficients; it is common to all vectors and does not fall with averaging; the noise of the readings is not in it; empty for temperatures outside of the calibration, where none is stated; for fields outside it is that of a sensor that stays linear";
 const NOT_APPLIED: [&str; 2] = ["group delay", "frequency response"];

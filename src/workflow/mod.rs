@@ -44,7 +44,7 @@ pub use import::{Import, ImportedRun};
 pub use kind::{RUN_KINDS, RunKind, RunMade};
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
 pub use renew::{Renewed, renew};
-pub use results::Results;
+pub use results::{Left, Results};
 pub use settle::{Alone, alone, refer, settle};
 pub use thermal::{NoThermal, ThermalFile, ThermalInput, ThermalOptions, ThermalShown, temperature};
 pub use thermistor::{ThermistorMade, publish_thermistor, thermistor_of};

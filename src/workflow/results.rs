@@ -41,6 +41,8 @@ struct Seen {
     campaigns: Vec<SeenCampaign>,
     places: BTreeSet<PathBuf>,
     outcomes: BTreeMap<String, RunEntry>,
+    /// The command has made everything that the campaign gives: what is stale and was not made cannot be made again.
+    all_made: bool,
 }
 
 /// A campaign that the command was given, whole or in part.
@@ -54,6 +56,15 @@ struct SeenCampaign {
     runs: BTreeMap<String, Option<Header>>,
     /// Paths of runs that the campaign takes out.
     unused: BTreeSet<String>,
+}
+
+/// Files of a result folder that rest on what has changed, after a command.
+#[derive(Debug, Default)]
+pub struct Left {
+    /// Those that can be made again.
+    pub stale: Vec<String>,
+    /// Those of which the command found that they cannot.
+    pub given_up: Vec<String>,
 }
 
 impl Results {
@@ -84,9 +95,17 @@ impl Results {
     /// Takes the campaigns that a command is given.
     ///
     /// # Errors
-    /// The folder holds results of another campaign.
+    /// The folder holds results of another campaign, or these are several.
     pub fn accept(&self, campaigns: &[Campaign]) -> Result<(), Finding> {
         let Some(open) = &self.0 else { return Ok(()) };
+        // Single runs without a campaign file may lie anywhere.
+        let is_campaign = |c: &&Campaign| c.input.is_some() || c.runs.iter().any(|run| !run.named);
+        let roots: Vec<String> = campaigns.iter().filter(is_campaign).map(|c| c.root.display().to_string()).collect();
+        if roots.len() > 1 {
+            let rule = format!("takes the results of one campaign, and {} are given: {}", roots.len(), roots.join(", "));
+            let remedy = "run the command on one after the other, each with a folder of its own (-o)";
+            return Err(Finding::error(&open.out.display().to_string(), rule, remedy));
+        }
         for campaign in campaigns {
             let seen = SeenCampaign::of(campaign);
             open.compare(campaign, &seen)?;
@@ -112,6 +131,25 @@ impl Results {
         }
         let shown: Vec<String> = files.iter().map(|f| f.display().to_string()).collect();
         if runs.is_empty() || in_common { Ok(()) } else { open.refuse_strangers(&shown.join(", ")) }
+    }
+
+    /// Takes tables that a command is given in place of runs. A table says of no campaign that it belongs to it but by where it lies.
+    ///
+    /// # Errors
+    /// The folder holds results of a campaign in whose folder a table does not lie.
+    pub fn accept_tables<'a>(&self, tables: impl IntoIterator<Item = &'a PathBuf>) -> Result<(), Finding> {
+        let Some(open) = &self.0 else { return Ok(()) };
+        let tables: Vec<&PathBuf> = tables.into_iter().collect();
+        if open.knows_runs() {
+            let homes = open.places_before();
+            for table in tables.iter().filter_map(|table| table.canonicalize().ok()) {
+                if !homes.iter().any(|home| table.starts_with(home)) {
+                    open.refuse_strangers(&table.display().to_string())?;
+                }
+            }
+        }
+        self.places(tables);
+        Ok(())
     }
 
     /// Notes where files lie that a command is given, for those who look for them later.
@@ -163,6 +201,13 @@ impl Results {
         self.0.as_ref().map(|open| open.now()).unwrap_or_default()
     }
 
+    /// Says that the command has made everything that the campaign, as it is now, gives.
+    pub fn all_made(&self) {
+        if let Some(open) = &self.0 {
+            open.seen().all_made = true;
+        }
+    }
+
     /// Writes the tables of all runs of every kind of which the command wrote a result, from everything that is there.
     ///
     /// # Errors
@@ -173,20 +218,24 @@ impl Results {
         RUN_KINDS.iter().try_for_each(|kind| kind.publish_table(&now, &written, desk))
     }
 
-    /// Writes the index; the files that became stale are returned. Without a result and without an index there is none afterwards either.
+    /// Writes the index; the files that need a look are returned. Without a result and without an index there is none afterwards either.
     ///
     /// # Errors
     /// The index cannot be written.
-    pub fn close(&self) -> Result<Vec<String>, Finding> {
-        let Some(open) = &self.0 else { return Ok(Vec::new()) };
+    pub fn close(&self) -> Result<Left, Finding> {
+        let Some(open) = &self.0 else { return Ok(Left::default()) };
         let nothing = open.seen().outcomes.is_empty() && open.ledger.written().is_empty();
         let is_new = !open.out.join(INDEX_FILE).exists() && open.ledger.written().is_empty();
         if nothing || is_new {
-            return Ok(Vec::new());
+            return Ok(Left::default());
         }
         let now = open.now();
         index::write(&Folder::open(&open.out, open.force)?, &now)?;
-        Ok(now.files.into_iter().filter(|file| file.stale).map(|file| file.path).collect())
+        let was_given_up =
+            |path: &str| open.before.as_ref().and_then(|before| before.file(path)).is_some_and(FileEntry::is_given_up);
+        let paths =
+            |is_one: &dyn Fn(&FileEntry) -> bool| now.files.iter().filter(|f| is_one(f)).map(|f| f.path.clone()).collect();
+        Ok(Left { stale: paths(&|f| f.stale), given_up: paths(&|f| f.is_given_up() && !was_given_up(&f.path)) })
     }
 }
 
@@ -218,8 +267,20 @@ impl Open {
         for header in seen.runs.values().flatten() {
             in_common |= agree(header)?;
         }
-        if in_common || !self.knows_runs() {
+        if in_common {
             return Ok(());
+        }
+        if !self.knows_runs() {
+            // Tables in place of runs belong to the campaign in whose folder they lie.
+            let places = if self.knows_tables() { self.places_before() } else { Vec::new() };
+            return match places.into_iter().find(|place| !place.starts_with(&campaign.root)) {
+                Some(place) => Err(self.refusal(format!(
+                    "holds results of tables in {}, which are not in the folder of {}",
+                    place.display(),
+                    seen.name
+                ))),
+                None => Ok(()),
+            };
         }
         // Single runs may be the first ones of their campaign.
         let others = if seen.is_whole { Vec::new() } else { Campaign::run_files(&campaign.root).unwrap_or_default() };
@@ -229,9 +290,21 @@ impl Open {
         if in_common { Ok(()) } else { self.refuse_strangers(&seen.name) }
     }
 
+    /// The folders in which the inputs of the results of before lie, as far as they are there.
+    fn places_before(&self) -> Vec<PathBuf> {
+        let places = self.before.iter().flat_map(|before| &before.campaign.places);
+        places.filter_map(|place| self.out.join(place).canonicalize().ok()).collect()
+    }
+
     /// Whether there is anything by which a campaign can be told.
     fn knows_runs(&self) -> bool {
         self.before.as_ref().is_some_and(|before| before.runs.values().any(|run| run.start.is_some()))
+    }
+
+    /// Whether there are results of tables.
+    fn knows_tables(&self) -> bool {
+        let files = self.before.iter().flat_map(|before| &before.files);
+        files.flat_map(|file| &file.from).any(|from| from.path.to_ascii_lowercase().ends_with(".csv"))
     }
 
     /// Whether a run is one of those of the results.
@@ -280,6 +353,9 @@ impl Open {
         entries.into_iter().for_each(|entry| index.put(entry));
         self.runs(&seen, &written, &mut index);
         index.judge();
+        if seen.all_made {
+            index.give_up(|path| written.contains_key(path));
+        }
         index.forget_deleted(|path| !is_gone(&self.out.join(path)));
         index
     }
@@ -318,7 +394,9 @@ impl Open {
                 entry
             });
             run.path = Some(path.clone());
-            if run.state == RunState::Gone {
+            if run.state == RunState::Done && seen.all_made && campaign.unused.contains(path) {
+                run.set(Outcome::new(RunState::NotApplicable, reason));
+            } else if run.state == RunState::Gone {
                 let back = if run.sha256.is_some() { Outcome::done() } else { Outcome::new(RunState::NotApplicable, reason) };
                 run.set(back);
             }

@@ -8,8 +8,8 @@ Readings are enT along the sensor axes, fields nT, temperatures degC, angles deg
 """
 
 from .errors import Refused
-from .parameters import FIELD, NO_TEMPERATURE, TEMPERATURE, Parameters, read
+from .parameters import FIELD, NO_READING, NO_TEMPERATURE, TEMPERATURE, Parameters, read
 from .quantities import Covariance
 
-__all__ = ["FIELD", "NO_TEMPERATURE", "TEMPERATURE", "Covariance", "Parameters", "Refused", "read"]
+__all__ = ["FIELD", "NO_READING", "NO_TEMPERATURE", "TEMPERATURE", "Covariance", "Parameters", "Refused", "read"]
 __version__ = "0.1.0"

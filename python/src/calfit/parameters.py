@@ -23,6 +23,8 @@ TEMPERATURE = 1 << 0
 FIELD = 1 << 16
 #: There is no temperature, and the parameters depend on it or the file states a range of temperatures.
 NO_TEMPERATURE = 1 << 17
+#: A component of the reading is missing or is no finite number.
+NO_READING = 1 << 18
 
 #: Readings that are calibrated at a time.
 _BLOCK = 16_384
@@ -177,7 +179,7 @@ class Parameters:
         one; ``"null"``, it is nan; ``"error"``, the first of them is refused.
 
         Gives ``b`` and ``u``, nT, with the shape of the readings and a last axis of three, and ``flags`` (uint32) with the shape of
-        the readings: bit 0 temperature outside, bit 16 field or reading outside, bit 17 no temperature. ``u`` is the standard
+        the readings: bit 0 temperature outside, bit 16 field or reading outside, bit 17 no temperature, bit 18 no finite reading. ``u`` is the standard
         uncertainty of the field by that of the parameters; the noise of the reading is not in it; nan for temperatures outside of the
         calibration, where none is stated. Group delay and frequency response are not applied.
         """
@@ -196,6 +198,7 @@ class Parameters:
             raise Refused(where, "frame", "is `coil`, but no rotation to coil axes is stated", "use `sensor`, or name a CPF")
         readings, t, shape = self._shaped(where, x, y, z, t_degc)
         flags = self._flags_of_temperature(t)
+        flags[~np.isfinite(readings).all(axis=1)] |= NO_READING
         b, u = np.empty_like(readings), np.empty_like(readings)
         for begin in range(0, len(readings), _BLOCK):
             at = slice(begin, begin + _BLOCK)
@@ -252,6 +255,8 @@ class Parameters:
     def _outside(self, where: str, index: int, readings: np.ndarray, t: np.ndarray, flags: np.ndarray) -> Refused:
         """What is wrong with a reading that has a flag."""
         remedy = 'leave it out, or use outside="flag"'
+        if flags[index] & NO_READING:
+            return Refused(where, "x, y, z", f"are {readings[index].tolist()} at index {index}", remedy)
         if flags[index] & NO_TEMPERATURE:
             return Refused(where, "t_degc", f"is not known for the reading at index {index}", remedy)
         if flags[index] & TEMPERATURE:

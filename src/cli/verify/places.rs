@@ -57,6 +57,9 @@ impl Homes {
 impl Home {
     /// Why a file cannot be compared with what it was made from: the run is gone, or what it was made from was made again.
     pub fn obstacle(&self, file: &FileEntry) -> Option<String> {
+        if file.mark == Some(RunState::Gone) && file.is_given_up() {
+            return file.reason.as_deref().map(|reason| format!("cannot be made again: {reason}; take it away"));
+        }
         if file.mark == Some(RunState::Gone) {
             let (id, run) = self.index.runs.iter().find(|(id, run)| run.state == RunState::Gone && file.is_named_after(id))?;
             let why = run.reason.as_deref().unwrap_or("its file is not there");

@@ -1,6 +1,7 @@
 //! TOML keys with the place of every complaint.
 
 use crate::data::error::{Finding, Severity};
+use std::ops::Range;
 use toml_edit::{Document, Item, Table, TableLike, Value};
 
 /// Where the lines of a text begin, found once: a text may have as many complaints as lines.
@@ -55,7 +56,7 @@ impl Keys {
     /// The table of all keys.
     #[must_use]
     pub fn root(&self) -> Group<'_> {
-        Group { keys: self, name: String::new(), table: self.document.as_table() }
+        Group { keys: self, name: String::new(), table: self.document.as_table(), begin: None }
     }
 
     /// All keys as a table of TOML.
@@ -82,6 +83,8 @@ pub struct Group<'a> {
     keys: &'a Keys,
     name: String,
     table: &'a dyn TableLike,
+    /// Byte offset of its begin; that of all keys has none.
+    begin: Option<usize>,
 }
 
 impl<'a> Group<'a> {
@@ -111,7 +114,12 @@ impl<'a> Group<'a> {
         if self.name.is_empty() {
             return Finding::error(&self.keys.file, rule, "add it before the first section").at(self.keys.lines.first, 0);
         }
-        Finding::error(&self.keys.file, rule, format!("add it to the section `{}`", self.name))
+        let finding = Finding::error(&self.keys.file, rule, format!("add it to the section `{}`", self.name));
+        // Sections of one name are told apart by their lines.
+        match self.begin {
+            Some(begin) => finding.at(self.keys.lines.place(begin).0, 0),
+            None => finding,
+        }
     }
 
     fn value(&self, key: &str) -> Option<(&'a Item, Option<&'a Value>)> {
@@ -272,7 +280,12 @@ impl<'a> Group<'a> {
             .get(key)
             .map(|item| {
                 item.as_table_like()
-                    .map(|table| Group { keys: self.keys, name: self.full(key), table })
+                    .map(|table| Group {
+                        keys: self.keys,
+                        name: self.full(key),
+                        table,
+                        begin: item.span().map(|span| span.start),
+                    })
                     .ok_or_else(|| self.wrong(item, key, "a table"))
             })
             .transpose()
@@ -284,16 +297,23 @@ impl<'a> Group<'a> {
     /// A value of another type.
     pub fn groups(&self, key: &str) -> Result<Vec<Group<'a>>, Finding> {
         let Some(item) = self.table.get(key) else { return Ok(Vec::new()) };
-        let tables: Vec<&'a dyn TableLike> = if let Some(tables) = item.as_array_of_tables() {
-            tables.iter().map(|t| t as &dyn TableLike).collect()
+        let tables: Vec<(&'a dyn TableLike, Option<Range<usize>>)> = if let Some(tables) = item.as_array_of_tables() {
+            tables.iter().map(|t| (t as &dyn TableLike, t.span())).collect()
         } else if let Some(array) = item.as_array() {
-            let tables: Option<Vec<_>> = array.iter().map(|v| v.as_inline_table().map(|t| t as &dyn TableLike)).collect();
+            let table = |v: &'a Value| v.as_inline_table().map(|t| (t as &dyn TableLike, t.span()));
+            let tables: Option<Vec<_>> = array.iter().map(table).collect();
             tables.ok_or_else(|| self.wrong(item, key, "an array of tables, `[[...]]`"))?
         } else {
             return Err(self.wrong(item, key, "an array of tables, `[[...]]`"));
         };
         let name = self.full(key);
-        Ok(tables.into_iter().map(|table| Group { keys: self.keys, name: name.clone(), table }).collect())
+        let group = |(table, span): (&'a dyn TableLike, Option<Range<usize>>)| Group {
+            keys: self.keys,
+            name: name.clone(),
+            table,
+            begin: span.map(|span| span.start),
+        };
+        Ok(tables.into_iter().map(group).collect())
     }
 
     /// Names of the keys in their order.
@@ -327,8 +347,12 @@ impl<'a> Group<'a> {
 
 /// The remedy for a key that is not known.
 fn nearest(name: &str, known: &[&str]) -> String {
-    let nearest = known.iter().min_by_key(|key| distance(name, key)).copied().unwrap_or_default();
-    format!("the nearest known key is `{nearest}`")
+    let nearest = known.iter().map(|key| (distance(name, key), *key)).min_by_key(|(letters, _)| *letters);
+    match nearest {
+        // A slip changes a letter of three at most; other keys have nothing to do with it.
+        Some((letters, key)) if 3 * letters <= name.chars().count().max(3) => format!("the nearest known key is `{key}`"),
+        _ => format!("known keys here are {}", known.iter().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ")),
+    }
 }
 
 /// Letters to change, add or take away to come from one word to another (Levenshtein).

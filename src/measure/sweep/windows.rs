@@ -9,25 +9,56 @@ use crate::data::plateau::Plateau;
 use crate::data::run::interpolate;
 use crate::fit::propagate;
 use crate::fit::statistics::extremes;
+use crate::measure::joint::SensorFit;
 use crate::model::sensor::split;
 use crate::record::baseline::Baseline;
-use nalgebra::{DMatrix, Matrix3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Sliding windows by the thermistor as it was read and with its lag; those that do not determine the nine parameters are passed over.
-pub(super) fn windows(used: &[&Plateau], [read, moved]: [&Series; 2], r_nom: &Matrix3<f64>, window: Window) -> Vec<WindowFit> {
+/// `degc` are the temperatures of the settings, `joint` the polynomials of all of them.
+pub(super) fn windows(
+    (used, degc, joint): (&[&Plateau], &[f64], &SensorFit),
+    [read, moved]: [&Series; 2],
+    r_nom: &Matrix3<f64>,
+    window: Window,
+) -> Vec<WindowFit> {
     let end_of = |from: usize| match window {
         Window::Settings(n) => from + n,
         Window::Minutes(minutes) => used.partition_point(|p| p.t_s() <= used[from].t_s() + 60.0 * minutes),
     };
     (0..used.len())
         .filter(|from| end_of(*from) <= used.len())
-        .filter_map(|from| fit(&used[from..end_of(from)], [read, moved], r_nom))
+        .filter_map(|from| {
+            let own = from..end_of(from);
+            fit((&used[own.clone()], &degc[own], joint), [read, moved], r_nom)
+        })
         .collect()
 }
 
+/// Refers the readings of a window to its mean temperature, as the polynomials tell: what the temperature makes of them within the window
+/// is no noise, and it moves the sensitivities of the three components against each other.
+fn refer(means: &mut Means, degc: &[f64], joint: &SensorFit) -> Option<()> {
+    let at = |degc: f64| {
+        let (sensor, b_or) = joint.sensor(degc).ok()?;
+        Some((*sensor.response(), Vector3::from(b_or)))
+    };
+    let (response, b_or) = at(degc.iter().sum::<f64>() / degc.len() as f64)?;
+    for (row, degc) in degc.iter().enumerate() {
+        let (own_response, own_b_or) = at(*degc)?;
+        let change = (response - own_response) * Vector3::from(means.fields_nt[row]) + b_or - own_b_or;
+        (0..3).for_each(|component| means.readings_ent[(row, component)] += change[component]);
+    }
+    Some(())
+}
+
 /// The fit of one window.
-fn fit(own: &[&Plateau], [read, moved]: [&Series; 2], r_nom: &Matrix3<f64>) -> Option<WindowFit> {
-    let means = Means::of(own);
+fn fit(
+    (own, degc, joint): (&[&Plateau], &[f64], &SensorFit),
+    [read, moved]: [&Series; 2],
+    r_nom: &Matrix3<f64>,
+) -> Option<WindowFit> {
+    let mut means = Means::of(own);
+    refer(&mut means, degc, joint)?;
     let baseline = Baseline::in_time(extremes(means.t_s.iter().copied()), 0);
     let fit = baseline.fit(&means.fields_nt, &means.t_s, &means.readings_ent, &LIMITS).ok()?;
     let phi = |x: &[f64]| baseline.responses(x).first()?.try_inverse();

@@ -1,5 +1,6 @@
 //! Flight processing: a mission's telemetry to levels, day by day, with everything that a day needs of the others known before.
 
+mod beside;
 mod carry;
 mod compare;
 mod daily_models;
