@@ -98,29 +98,6 @@ fn a_lag_is_no_signal_inside_the_settings() {
     assert!((lag_s - 900.0).abs() < 4.0 * std_s && std_s < 20.0, "{lag_s} +- {std_s}");
 }
 
-/// A gain that follows the rate of the sensor temperature, beside coils that follow it by half an hour: their temperature of some time before
-/// does nearly the same, and is not certain.
-#[test]
-fn a_rate_is_no_temperature_of_some_time_before() {
-    for size in [0.08, 0.12, 0.2] {
-        let mut run = sweep(0.0, 0.0);
-        for sample in &mut run.samples {
-            let rate = (degc(sample.t + 1.0) - degc(sample.t - 1.0)) / 2.0;
-            sample.reading[0] *= 1.0 + 1e-3 * size * rate;
-        }
-        for (t_s, [coil, _]) in &mut run.temperatures {
-            let along = 2.0 * PI * (*t_s - 1800.0) / SWEEP_S;
-            *coil = Some(17.0 + 1.5 * along.cos());
-        }
-        let found = diagnosed(&run);
-        for step in found["steps"].as_array().unwrap().iter().filter(|s| s["effect"] == "coil_temperature") {
-            assert_eq!(step["wording"], "consistent with", "{size}");
-            assert!(step["ambiguous_with"].as_array().unwrap().iter().any(|e| e == "unknown"), "{size}: {step}");
-        }
-        assert!(!found["steps"].as_array().unwrap().is_empty());
-    }
-}
-
 /// A periodic signal with a signal to noise ratio of about 20 on x, half of it on y, in 33 settings of 4 s at 32 Hz.
 fn periodic(signal: impl Fn(f64) -> f64) -> Run {
     let levels = [-9000.0, -7000.0, -5000.0, -3000.0, -1000.0, 1000.0, 3000.0, 5000.0, 7000.0, 9000.0];
