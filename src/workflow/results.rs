@@ -98,8 +98,8 @@ impl Results {
     /// The folder holds results of another campaign, or these are several.
     pub fn accept(&self, campaigns: &[Campaign]) -> Result<(), Finding> {
         let Some(open) = &self.0 else { return Ok(()) };
-        // Single runs without a campaign file may lie anywhere.
-        let is_campaign = |c: &&Campaign| c.input.is_some() || c.runs.iter().any(|run| !run.named);
+        // Runs without a campaign file may lie anywhere, in several folders as well.
+        let is_campaign = |c: &&Campaign| c.input.is_some();
         let roots: Vec<String> = campaigns.iter().filter(is_campaign).map(|c| c.root.display().to_string()).collect();
         if roots.len() > 1 {
             let rule = format!("takes the results of one campaign, and {} are given: {}", roots.len(), roots.join(", "));
