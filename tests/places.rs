@@ -57,6 +57,11 @@ fn check_takes_no_toml_for_a_campaign_file_that_is_not_named_so() {
     let output = calfit().arg("check").arg(&telemetry).output().unwrap();
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     assert!(!text(&output.stderr).contains("is not known"), "{}", text(&output.stderr));
+    // The twin names the one of the ground, and that its programmes.
+    for entry in std::fs::read_dir(repository("configs")).unwrap() {
+        let path = entry.unwrap().path();
+        case.put(path.file_name().unwrap().to_str().unwrap(), std::fs::read_to_string(&path).unwrap());
+    }
     let wrong = case.put("twin.toml", std::fs::read_to_string(&telemetry).unwrap().replace("truth_every", "truth_evry"));
     for (path, words) in [
         (wrong, vec!["truth_evry", "truth_every"]),

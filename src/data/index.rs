@@ -507,7 +507,10 @@ mod tests {
         assert!(stale(&index).is_empty());
         assert_eq!(given_up(&index), ["13-04-03_08/A.CPF", "T__13-04-03-08.TPF"]);
         assert_eq!(index.file("T__13-04-03-08.TPF").unwrap().mark, Some(RunState::Excluded));
-        assert_eq!(index.file("T__13-04-03-08.TPF").unwrap().reason.as_deref(), Some("run 13-04-03_09 is left out now"));
+        assert_eq!(
+            index.file("T__13-04-03-08.TPF").unwrap().reason.as_deref(),
+            Some("13-04-03_09/B.CPF is of a run that is excluded")
+        );
         assert!(index.is_overtaken("13-04-03_08/A.CPF"));
         // It stays so, and what is made from it is stale.
         index.put(entry("X.png", "x", &[("T__13-04-03-08.TPF", "t")]));
