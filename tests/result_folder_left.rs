@@ -38,7 +38,7 @@ fn what_the_runs_that_are_left_do_not_give_any_more_is_marked_and_out_of_the_tab
         let marks = marked(&out);
         let own = cpf(RUNS[left], "TEMPLIN");
         assert_eq!(marks[TPF].0, "excluded");
-        assert_eq!(marks[&own], ("excluded".to_owned(), marks[&own].1.clone()));
+        assert_eq!(marks[&own].0, "excluded");
         says(marks[&own].1.as_deref().unwrap(), &[TPF]);
         assert!(!marks.contains_key(&cpf(RUNS[left], "LIN")) && !marks.contains_key("REPORT.html"));
         // The table has the run alone, as in a folder that never held another one.
@@ -112,6 +112,20 @@ fn a_folder_takes_no_tables_from_elsewhere_and_no_two_campaigns() {
     let own = case.campaign().join("residual_field.csv");
     fs::copy(&residual, &own).unwrap();
     done(&case, &["coil", "residual"], &[&own]);
+    // A facility that lies elsewhere makes its folder no home of the campaign, nor of a table.
+    let facility = data("tests/data/champ/facility.toml");
+    let corrected = case.path().join("corrected");
+    let output = run(&["lin", "--no-plots", "--facility"], &[&facility, Path::new("-o"), &corrected, &case.campaign()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let output = run(&["coil", "tilt", "--no-plots", "-o"], &[&corrected, &tilt]);
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+    let tables = case.path().join("tables");
+    let runs = case.campaign().join("runs_ambient.csv");
+    fs::copy(&tilt, &runs).unwrap();
+    let output = run(&["coil", "tilt", "--no-plots", "--facility"], &[&facility, Path::new("-o"), &tables, &runs]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let output = run(&["lin", "--no-plots", "-o"], &[&tables, &case.campaign()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     // Tables first, then a campaign in whose folder they are not.
     let output = run(&["coil", "residual", "--no-plots", "-o"], &[&fresh, &residual]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));

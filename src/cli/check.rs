@@ -13,7 +13,7 @@ use crate::files::output::is_own;
 use crate::files::parameter::FileKind;
 use crate::files::source::{digest, small_text};
 #[cfg(feature = "tables")]
-use crate::files::table::series::SeriesTable;
+use crate::files::table::columns;
 use crate::files::{amplitudes, campaign, ccr, facility, index, mag, twin};
 use crate::model::campaign::Instructions;
 use crate::record::temperature_faults::{self, ChannelFault};
@@ -28,7 +28,7 @@ const FLIGHT_FILE: &str = "flight.toml";
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), campaign.toml, facility files, parameter files and model files of calfit, mappings of `import`, configurations of `flight`, ground calibration files (RPCMAG*.TXT).
+    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), tables of calfit (.parquet), campaign.toml, twins, facility files, parameter files and model files of calfit, mappings of `import`, configurations of `flight`, ground calibration files (RPCMAG*.TXT).
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -238,7 +238,7 @@ fn is_flight(path: &Path) -> bool {
 /// Tables that calfit wrote: levels and what a day needs of those before it, tables of all runs, calibrated readings.
 #[cfg(feature = "tables")]
 fn check_table(path: &Path) -> Result<(), Finding> {
-    SeriesTable::open(path).map(drop)
+    columns::check_parquet(path)
 }
 
 #[cfg(not(feature = "tables"))]

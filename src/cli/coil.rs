@@ -55,7 +55,7 @@ struct ResidualArguments {
 struct TiltArguments {
     /// Tables of run results (.csv) with the columns run, sensor, orientation, sx_nt_per_eu, sy_, sz_, x0_nt, y0_, z0_, xi_xy_deg,
     /// xi_xz_, xi_yz_, where orientation names the sensor axes along the coil axes X, Y, Z as in `-Y +X +Z`; linear calibrations
-    /// (.CPF); campaign folders or linearity runs.
+    /// (.CPF); a campaign folder or linearity runs.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// The facility that the runs were evaluated with: scale_nt_per_eu, offset_nt, angles_deg.

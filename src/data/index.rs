@@ -112,9 +112,14 @@ impl FileEntry {
     /// Whether it is named after a run, or lies in its folder.
     #[must_use]
     pub fn is_named_after(&self, run: &str) -> bool {
+        self.run_names().any(|name| name == run || name == run.replace('_', "-"))
+    }
+
+    /// The run in its name, whose parts may be joined by dashes, and that in whose folder it lies.
+    fn run_names(&self) -> impl Iterator<Item = &str> {
         let stem = self.name().rsplit_once('.').map_or(self.name(), |(stem, _)| stem);
-        let of_name = stem.split_once("__").is_some_and(|(_, id)| id == run || id == run.replace('_', "-"));
-        of_name || self.path.split_once('/').is_some_and(|(folder, _)| folder == run)
+        let of_name = stem.split_once("__").map(|(_, id)| id);
+        of_name.into_iter().chain(self.path.split_once('/').map(|(folder, _)| folder))
     }
 
     /// Whether it is marked since a report of the campaign as it is could not make it.
@@ -229,10 +234,12 @@ impl Index {
     /// still are.
     pub fn judge(&mut self) {
         let given_up: BTreeSet<usize> = (0..self.files.len()).filter(|i| self.files[*i].is_given_up()).collect();
-        let over: Vec<(&String, &RunEntry)> = self.runs.iter().filter(|(_, run)| run.state.is_over()).collect();
+        let over = self.runs.iter().filter(|(_, run)| run.state.is_over());
+        let over: BTreeMap<String, RunState> =
+            over.flat_map(|(id, run)| [id.clone(), id.replace('_', "-")].map(|name| (name, run.state))).collect();
         let mark = |file: &FileEntry| {
-            let (_, run) = over.iter().find(|(id, _)| file.is_named_after(id))?;
-            file.lacks(run.state).then_some(run.state)
+            let state = *file.run_names().find_map(|name| over.get(name))?;
+            file.lacks(state).then_some(state)
         };
         let marks: Vec<Option<RunState>> = self.files.iter().map(mark).collect();
         for (file, mark) in self.files.iter_mut().zip(marks) {

@@ -230,8 +230,7 @@ pub fn bands(stages: &[Stage], per_decade: f64, lines: &[Line]) -> Vec<Point> {
     let mut points = Vec::new();
     for stage in stages {
         let step = stage.density.step_hz;
-        let is_line =
-            |bin: usize| lines.iter().any(|l| (l.frequency_hz - bin as f64 * step).abs() <= l.reach(step) * step.max(l.step_hz));
+        let is_line = |bin: usize| lines.iter().any(|l| (l.frequency_hz - bin as f64 * step).abs() <= l.reach_hz(step));
         let mut at = stage.bins[0];
         while at < stage.bins[1] {
             let ratio = 10f64.powf(1.0 / per_decade);
@@ -275,14 +274,15 @@ pub struct Line {
 }
 
 impl Line {
-    /// Bins on either side that show the line, in a density with bins of `step_hz`: the main lobe of Hann's window, and the side lobes as far as they are
-    /// above [`LEAKAGE`] of the density beside the line.
-    fn reach(&self, step_hz: f64) -> f64 {
+    /// How far on either side a density with bins of `step_hz` shows the line, Hz: over the main lobe of Hann's window, and the side lobes as far as they
+    /// are above [`LEAKAGE`] of the density beside the line; by no less than its frequency is known to.
+    fn reach_hz(&self, step_hz: f64) -> f64 {
         // A line has the same power in fewer bins. A line between two bins is higher than either.
         let ratio = BETWEEN_BINS * self.ratio * self.step_hz / step_hz;
         // At d bins from a line the envelope of the window is 1 / (π d (d² - 1)) of its peak.
         let root = ((ratio / LEAKAGE).sqrt() / PI).cbrt();
-        (root + 1.0 / (3.0 * root)).max(LOBE as f64 + 0.5)
+        let main_lobe = LOBE as f64 + 0.5;
+        ((root + 1.0 / (3.0 * root)).max(main_lobe) * step_hz).max(main_lobe * self.step_hz)
     }
 }
 

@@ -62,8 +62,7 @@ impl Temperatures {
         let Some(conditions) = self.conditions.as_mut().filter(|c| c.sensor_degc.is_some()) else { return true };
         self.sensor = lag.in_run(&self.sensor);
         let inside = self.sensor.iter().filter(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
-        let [low, high] = extremes(inside.map(|(_, degc)| *degc));
-        conditions.sensor_degc = (low <= high).then(|| [low, mean_in_time(&self.sensor, span_s), high]);
+        conditions.sensor_degc = around_mean(mean_in_time(&self.sensor, span_s), inside.map(|(_, degc)| *degc));
         let channel = &conditions.sensor_channel;
         let text = format!(
             "the sensor temperature is that of the part that goes after channel {channel} with a {} of {:.0} s, as {file} has it",
@@ -347,11 +346,15 @@ fn temperature(
             .about(channel)]);
         }
     }
-    let mean = mean_in_time(&series, span_s);
-    // Few readings need not lie on both sides of a mean that is taken straight to the ends of the time.
-    let low = values.iter().copied().fold(mean, f64::min);
-    let high = values.iter().copied().fold(mean, f64::max);
-    (series, Some([low, mean, high]))
+    let range = around_mean(mean_in_time(&series, span_s), values.into_iter());
+    (series, range)
+}
+
+/// Smallest, mean and largest temperature; `None` without any. Few readings need not lie on both sides of a mean that is taken straight to the ends of
+/// the time.
+fn around_mean(mean: f64, inside: impl Iterator<Item = f64>) -> Option<[f64; 3]> {
+    let [low, high] = extremes(inside);
+    (low <= high).then(|| [low.min(mean), mean, high.max(mean)])
 }
 
 /// Mean of a channel over the part of a time that its readings cover, straight between them: a thermometer that is logged more often while it moves

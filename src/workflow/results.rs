@@ -141,7 +141,7 @@ impl Results {
         let Some(open) = &self.0 else { return Ok(()) };
         let tables: Vec<&PathBuf> = tables.into_iter().collect();
         if open.knows_runs() {
-            let homes = open.places_before();
+            let homes = open.homes_of_runs();
             for table in tables.iter().filter_map(|table| table.canonicalize().ok()) {
                 if !homes.iter().any(|home| table.starts_with(home)) {
                     open.refuse_strangers(&table.display().to_string())?;
@@ -272,8 +272,7 @@ impl Open {
         }
         if !self.knows_runs() {
             // Tables in place of runs belong to the campaign in whose folder they lie.
-            let places = if self.knows_tables() { self.places_before() } else { Vec::new() };
-            return match places.into_iter().find(|place| !place.starts_with(&campaign.root)) {
+            return match self.homes_of_tables().into_iter().find(|place| !place.starts_with(&campaign.root)) {
                 Some(place) => Err(self.refusal(format!(
                     "holds results of tables in {}, which are not in the folder of {}",
                     place.display(),
@@ -290,21 +289,29 @@ impl Open {
         if in_common { Ok(()) } else { self.refuse_strangers(&seen.name) }
     }
 
-    /// The folders in which the inputs of the results of before lie, as far as they are there.
-    fn places_before(&self) -> Vec<PathBuf> {
+    /// The folders in which runs of the results of before lie, as far as they are there. Models and facilities may lie in others.
+    fn homes_of_runs(&self) -> Vec<PathBuf> {
+        let runs = self.before.iter().flat_map(|before| before.runs.values());
+        self.homes_of(&runs.filter_map(|run| run.path.as_deref()).collect::<Vec<_>>())
+    }
+
+    /// The folders in which tables of the results of before lie.
+    fn homes_of_tables(&self) -> Vec<PathBuf> {
+        let from = self.before.iter().flat_map(|before| &before.files).flat_map(|file| &file.from);
+        let tables: Vec<&str> =
+            from.map(|from| from.path.as_str()).filter(|p| p.to_ascii_lowercase().ends_with(".csv")).collect();
+        self.homes_of(&tables)
+    }
+
+    fn homes_of(&self, files: &[&str]) -> Vec<PathBuf> {
         let places = self.before.iter().flat_map(|before| &before.campaign.places);
-        places.filter_map(|place| self.out.join(place).canonicalize().ok()).collect()
+        let there = places.filter_map(|place| self.out.join(place).canonicalize().ok());
+        there.filter(|place| files.iter().any(|file| place.join(file).is_file())).collect()
     }
 
     /// Whether there is anything by which a campaign can be told.
     fn knows_runs(&self) -> bool {
         self.before.as_ref().is_some_and(|before| before.runs.values().any(|run| run.start.is_some()))
-    }
-
-    /// Whether there are results of tables.
-    fn knows_tables(&self) -> bool {
-        let files = self.before.iter().flat_map(|before| &before.files);
-        files.flat_map(|file| &file.from).any(|from| from.path.to_ascii_lowercase().ends_with(".csv"))
     }
 
     /// Whether a run is one of those of the results.

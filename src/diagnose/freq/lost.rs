@@ -25,7 +25,7 @@ const FOLLOWS: f64 = 2.0;
 pub fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
     let rate_hz = freq.values.mean_f_s_hz.unwrap_or(run.header.sample_rate_hz);
     let mut damaged: Vec<(f64, String)> = Vec::new();
-    let mut missing = 0;
+    let (mut missing, mut without_gap) = (0, 0);
     for (k, part) in freq.stretches.iter().enumerate() {
         let setting = &part.setting;
         let at = |t_s: f64| samples.t_s.partition_point(|t| *t < t_s);
@@ -49,10 +49,11 @@ pub fn lost(run: &Run, samples: &Samples, freq: &Freq) -> Option<Step> {
             _ => {}
         }
         if !words.is_empty() {
+            without_gap += usize::from(gaps.is_empty());
             damaged.push((setting.frequency_hz, format!("{} Hz: {}", setting.frequency_hz, words.join(", "))));
         }
     }
-    (!damaged.is_empty()).then(|| step(run, freq, &damaged, missing))
+    (!damaged.is_empty()).then(|| step(run, freq, &damaged, (missing, without_gap)))
 }
 
 /// Samples missing between the samples of a range: how many, and at which time, s.
@@ -61,8 +62,9 @@ fn gaps(samples: &Samples, range: Range<usize>) -> Vec<(u64, f64)> {
     after_gap.map(|i| (samples.n[i] - samples.n[i - 1] - 1, samples.t_s[i - 1])).collect()
 }
 
-/// The step that describes damaged settings, by their frequency and in words.
-fn step(run: &Run, freq: &Freq, damaged: &[(f64, String)], missing: u64) -> Step {
+/// The step that describes damaged settings, by their frequency and in words, with the samples that the counter misses and the settings in which it
+/// misses none.
+fn step(run: &Run, freq: &Freq, damaged: &[(f64, String)], (missing, without_gap): (u64, usize)) -> Step {
     let list: Vec<&str> = damaged.iter().map(|(_, words)| words.as_str()).collect();
     let form = Spec::new("stretches", &[]);
     let form = damaged.iter().fold(form, |spec, (frequency_hz, _)| spec.with("frequency", *frequency_hz, "Hz"));
@@ -70,10 +72,12 @@ fn step(run: &Run, freq: &Freq, damaged: &[(f64, String)], missing: u64) -> Step
     // Every one of them is seen by itself.
     let significance = Significance::seen(freq.stretches.len(), CERTAIN + damaged.len() as f64);
     // Where no counter jumps, a field, a sensor or a clock that changes inside a setting is another explanation.
-    let (name, what, why) = if missing > 0 {
-        (Name::Certain, "are missing or do not follow their sine", "")
+    let (name, what, why) = if without_gap == 0 {
+        (Name::Certain, "are missing or do not follow their sine", "".to_owned())
     } else {
-        (Name::Doubted, "do not follow their sine", ", and the counter misses no sample: what changed inside them is not known")
+        let of_them = if missing > 0 { format!(" in {without_gap} of them") } else { String::new() };
+        let why = format!(", and the counter misses no sample{of_them}: what changed inside them is not known");
+        (Name::Doubted, if missing > 0 { "are missing or do not follow their sine" } else { "do not follow their sine" }, why)
     };
     Facts {
         axes: COMPONENTS.to_vec(),

@@ -7,7 +7,7 @@ use super::stream::refuse;
 use crate::data::error::Finding;
 use jiff::{SignedDuration, Timestamp, civil::Date};
 use polars::prelude::{Column, DataFrame, NamedFrom, PlSmallStr, Series};
-use polars_arrow::array::{Array, PrimitiveArray};
+use polars_arrow::array::{Array, PrimitiveArray, new_empty_array};
 use polars_arrow::datatypes::ArrowDataType;
 use polars_arrow::types::NativeType;
 use std::path::Path;
@@ -15,13 +15,15 @@ use std::path::Path;
 /// A column as a file has it: its name, its type, its pieces.
 pub(super) type Pieces = (String, ArrowDataType, Vec<Box<dyn Array>>);
 
-/// Whether the tables have a type themselves.
+/// Whether the tables have a type themselves. Lists and bytes only pass.
 pub(super) fn is_own(dtype: &ArrowDataType) -> bool {
     use ArrowDataType as T;
-    matches!(
-        dtype,
-        T::Boolean | T::Int32 | T::Int64 | T::UInt32 | T::UInt64 | T::Float32 | T::Float64 | T::Utf8 | T::LargeUtf8 | T::Utf8View
-    )
+    match dtype {
+        T::Boolean | T::Int32 | T::Int64 | T::UInt32 | T::UInt64 | T::Float32 | T::Float64 => true,
+        T::Utf8 | T::LargeUtf8 | T::Utf8View | T::Binary | T::LargeBinary | T::BinaryView => true,
+        T::List(of) | T::LargeList(of) => is_own(&of.dtype),
+        _ => false,
+    }
 }
 
 /// Some rows of columns as a table.
@@ -29,14 +31,15 @@ pub(super) fn is_own(dtype: &ArrowDataType) -> bool {
 /// # Errors
 /// A column of lists, structures or another type that is no number, text or moment.
 pub(super) fn frame_of(path: &Path, rows: usize, columns: Vec<Pieces>) -> Result<DataFrame, Finding> {
-    let columns: Vec<Column> = columns.into_iter().map(|pieces| column_of(path, pieces)).collect::<Result<_, _>>()?;
+    let columns: Vec<Column> = columns.into_iter().map(|pieces| column_of(path, rows, pieces)).collect::<Result<_, _>>()?;
     DataFrame::new(rows, columns).map_err(|e| refuse(path, &e))
 }
 
-fn column_of(path: &Path, (name, dtype, pieces): Pieces) -> Result<Column, Finding> {
+fn column_of(path: &Path, rows: usize, (name, dtype, pieces): Pieces) -> Result<Column, Finding> {
     use ArrowDataType as T;
+    let pieces = if rows == 0 && pieces.is_empty() { vec![new_empty_array(dtype.clone())] } else { pieces };
     let series = match &dtype {
-        own if is_own(own) => {
+        own if is_own(own) && !pieces.is_empty() => {
             guarded(path, || Series::try_from((PlSmallStr::from_str(&name), pieces)).map_err(|e| refuse(path, &e)))?
         }
         T::Int8 => wider::<i8, i32>(&name, &pieces),
@@ -94,7 +97,7 @@ mod tests {
     use polars_arrow::datatypes::TimeUnit;
 
     fn of(dtype: ArrowDataType, pieces: Vec<Box<dyn Array>>) -> Result<Column, Finding> {
-        column_of(Path::new("table.arrow"), ("c".to_owned(), dtype, pieces))
+        column_of(Path::new("table.arrow"), 2, ("c".to_owned(), dtype, pieces))
     }
 
     #[test]

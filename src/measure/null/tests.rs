@@ -217,6 +217,24 @@ fn a_strong_line_between_bins_leaves_the_noise_beside_it_as_it_is() {
     }
 }
 
+/// A line in the lowest bins of the full rate leaves the slower stages below it to slow noise.
+#[test]
+fn a_strong_slow_line_leaves_slow_noise_below_it() {
+    let corners = |amplitude: f64| {
+        let mut slow = Slow::new(5, 0.1);
+        let found = Night::new(32.0, 400_000)
+            .result(1, |t| slow.next().map(|v| v + amplitude * (2.0 * PI * 0.2013 * t + 0.3).sin()))
+            .found;
+        let below = found.spectrum.frequency_hz.iter().filter(|f| **f < 0.1).count();
+        (found.corner.corner_hz, found.corner.corner_std_hz, below)
+    };
+    let ((without, std, few), (with, _, many)) = (corners(0.0), corners(10.0));
+    assert!(many * 10 >= few * 9 && few > 20, "{few} {many}");
+    for c in 0..3 {
+        assert!((with[c] - without[c]).abs() < 2.0 * std[c], "{with:?} {without:?} {std:?}");
+    }
+}
+
 #[test]
 fn allan_deviations_of_white_noise_and_of_a_drift_are_the_closed_forms() {
     let rate_hz = 64.0;

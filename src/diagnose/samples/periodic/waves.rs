@@ -250,7 +250,10 @@ impl Waves<'_> {
         let Some(rate_hz) = self.grid.plateaus_hz() else { return hz };
         let [slowest_hz, lowest_hz] = [self.grid.slowest_hz(), self.grid.lowest_hz()];
         let explained = |hz: f64| {
-            let of_axis = |(a, squares): (usize, f64)| squares / self.noise.usual_level(a);
+            let line = (self.grid.seen_hz(hz) / self.grid.step_hz()).round() as usize;
+            // Slow noise explains as much there as it is above the rest; means taken off the plateaus make it no less.
+            let level = |a: usize| self.noise.level(a, line).max(self.noise.usual_level(a));
+            let of_axis = |(a, squares): (usize, f64)| squares / level(a);
             self.wave(&self.band(hz), hz).map_or(0.0, |wave| wave.explained.into_iter().enumerate().map(of_axis).sum())
         };
         let around = (lowest_hz / rate_hz).ceil() as i32;
