@@ -110,7 +110,7 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
     }
 
     let noise = Noise::of(&record, rate_hz);
-    notes.extend(noise.notes());
+    notes.extend(noise.notes(rate_hz));
     conditions::warn_of_run(&mut notes, run, instructions);
     let found = ZeroFieldFound {
         run: conditions::head(run, instructions, &temperatures),

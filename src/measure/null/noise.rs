@@ -48,8 +48,8 @@ impl Noise {
         }
     }
 
-    /// What a person should know of it.
-    pub fn notes(&self) -> Vec<Note> {
+    /// What a person should know of it; the sample rate is that of the record.
+    pub fn notes(&self, rate_hz: f64) -> Vec<Note> {
         let mut notes = Vec::new();
         if self.density.is_none() {
             let text = format!("no density at {STATED_HZ} Hz: the sample rate or the record does not reach it");
@@ -61,6 +61,15 @@ impl Noise {
                     "{name}: white and 1/f noise do not describe the spectrum (χ² {chi_square:.1} per degree of freedom)"
                 );
                 notes.push(Note::new(NoteKind::Method, text).about(name));
+            }
+        }
+        for (name, corner_hz) in COMPONENTS.into_iter().zip(self.corner.corner_hz) {
+            if corner_hz > 0.5 * rate_hz {
+                let text = format!(
+                    "{name}: the corner of white and 1/f noise ({corner_hz:.2} Hz) lies beyond half of the sampling frequency: hardly any white noise \
+                     is seen, and the corner may be several times as high as its uncertainty says"
+                );
+                notes.push(Note::new(NoteKind::Method, text).about(name).with_remedy("record at a higher rate to tell it"));
             }
         }
         notes
