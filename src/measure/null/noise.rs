@@ -63,17 +63,21 @@ impl Noise {
                 notes.push(Note::new(NoteKind::Method, text).about(name));
             }
         }
-        for (name, corner_hz) in COMPONENTS.into_iter().zip(self.corner.corner_hz) {
-            if corner_hz > 0.5 * rate_hz {
-                let text = format!(
-                    "{name}: the corner of white and 1/f noise ({corner_hz:.2} Hz) lies beyond half of the sampling frequency: hardly any white noise \
-                     is seen, and the corner may be several times as high as its uncertainty says"
-                );
-                notes.push(Note::new(NoteKind::Method, text).about(name).with_remedy("record at a higher rate to tell it"));
-            }
-        }
+        notes.extend(unseen_white(self.corner.corner_hz, rate_hz));
         notes
     }
+}
+
+/// Says of corners where white noise is hardly seen.
+fn unseen_white(corner_hz: [f64; 3], rate_hz: f64) -> impl Iterator<Item = Note> {
+    let beyond = COMPONENTS.into_iter().zip(corner_hz).filter(move |(_, corner_hz)| *corner_hz > 0.5 * rate_hz);
+    beyond.map(|(name, corner_hz)| {
+        let text = format!(
+            "{name}: the corner of white and 1/f noise ({corner_hz:.2} Hz) lies beyond half of the sampling frequency: hardly any white noise is seen, \
+             and the corner may be several times as high as its uncertainty says"
+        );
+        Note::new(NoteKind::Method, text).about(name).with_remedy("record at a higher rate to tell it")
+    })
 }
 
 /// The spectrum from the lowest frequency to the highest: long segments of the slow record, then the full rate.
@@ -194,5 +198,16 @@ fn allan_part(list: &[Deviation]) -> AllanDeviations {
         low_factor: list.iter().map(|d| limits(d.degrees_of_freedom)[0]).collect(),
         high_factor: list.iter().map(|d| limits(d.degrees_of_freedom)[1]).collect(),
         degrees_of_freedom: list.iter().map(|d| d.degrees_of_freedom).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_corner_beyond_half_of_the_sampling_frequency_is_told() {
+        let told: Vec<Note> = unseen_white([1.9, 3.0, f64::NAN], 4.0).collect();
+        assert!(matches!(told.as_slice(), [note] if note.text.contains("y: the corner")), "{told:?}");
     }
 }
