@@ -131,9 +131,10 @@ fn windows_scatter_about_the_truth_as_their_uncertainties_say() {
     let rms = |of: &dyn Fn(&[f64]) -> f64| (apart.iter().map(|row| of(row).powi(2)).sum::<f64>() / apart.len() as f64).sqrt();
     let off = |row: &[f64], i: usize| {
         let wanted = truth(&twin, cell(row, "temperature_degc"))[i];
-        [cell(row, NAMES[i]) / wanted - 1.0, cell(row, &format!("{}_std", NAMES[i])) / wanted]
+        [cell(row, NAMES[i]) / wanted - 1.0, cell(row, &format!("{}_std", NAMES[i])) / wanted.abs()]
     };
-    for i in 0..3 {
+    // Offsets wander with the slow noise of the electronics, which a window sees a part of.
+    for i in [0, 1, 2, 6, 7, 8] {
         let ratio = rms(&|row| off(row, i)[0] / off(row, i)[1]);
         println!("{}: rms of error over uncertainty {ratio:.2} of {} windows", NAMES[i], apart.len());
         assert!((0.7..1.4).contains(&ratio), "{}: {ratio}", NAMES[i]);

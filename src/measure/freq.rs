@@ -101,7 +101,9 @@ pub fn freq(run: &Run, sines: &Sines, instructions: &Instructions, options: &Opt
     conditions::warn_of_run(&mut notes, run, instructions);
     let stretches = measured.iter().zip(&applied.settings).map(|(a, s)| Stretch { setting: *s, used_s: a.used_s }).collect();
     let corner = respond(&mut measured, &referred.compared, &mut notes);
-    let f_3db_model_degc = temperatures.beside_the_mean(moving::of_corners(&corner, &measured, &temperatures.sensor));
+    let course = moving::course(&temperatures.sensor, temperatures.moved_k().is_none());
+    let f_3db_model_degc =
+        course.and_then(|course| temperatures.beside_the_mean(moving::of_corners(&corner, &measured, &course)));
     notes.extend(temperatures.moved_k().map(|range_k| moving::note(range_k, f_3db_model_degc.as_ref())));
     let f_3db_model_std_hz = widen(&applied.known, &mut measured, &corner);
     // The sampling frequency holds where the run tells it best.

@@ -152,7 +152,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
         notes.extend(rival.map(|rival| rival.rival(channel)));
     }
     let (fit, degc) = (&settled.fit, &settled.degc);
-    let windows = windows::windows((&used, degc, fit), [series, &settled.moved], &r_nom, options.window);
+    let windows = windows::windows((&used, degc, fit, &settled.noise), [series, &settled.moved], &r_nom, options.window);
     let blocks = problem.blocks(fit, degc);
 
     conditions::warn_of_plateaus(&mut notes, run, plateaus);

@@ -7,17 +7,18 @@ use super::result::WindowFit;
 use super::thermistors::{Series, rate_k_per_s};
 use crate::data::plateau::Plateau;
 use crate::data::run::interpolate;
-use crate::fit::propagate;
+use crate::fit::noise::NoiseModel;
 use crate::fit::statistics::extremes;
+use crate::fit::{DenseNoise, propagate};
 use crate::measure::joint::SensorFit;
 use crate::model::sensor::split;
 use crate::record::baseline::Baseline;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 /// Sliding windows by the thermistor as it was read and with its lag; those that do not determine the nine parameters are passed over.
-/// `degc` are the temperatures of the settings, `joint` the polynomials of all of them.
+/// `degc` are the temperatures of the settings, `joint` the polynomials of all of them, `noise` that of the settings.
 pub(super) fn windows(
-    (used, degc, joint): (&[&Plateau], &[f64], &SensorFit),
+    (used, degc, joint, noise): (&[&Plateau], &[f64], &SensorFit, &DenseNoise),
     [read, moved]: [&Series; 2],
     r_nom: &Matrix3<f64>,
     window: Window,
@@ -30,7 +31,9 @@ pub(super) fn windows(
         .filter(|from| end_of(*from) <= used.len())
         .filter_map(|from| {
             let own = from..end_of(from);
-            fit((&used[own.clone()], &degc[own], joint), [read, moved], r_nom)
+            let rows: Vec<usize> = own.clone().collect();
+            let noise = [0, 1, 2].map(|component| noise.covariance_of_rows(component, &rows));
+            fit((&used[own.clone()], &degc[own], joint, &noise), [read, moved], r_nom)
         })
         .collect()
 }
@@ -51,9 +54,9 @@ fn refer(means: &mut Means, degc: &[f64], joint: &SensorFit) -> Option<()> {
     Some(())
 }
 
-/// The fit of one window.
+/// The fit of one window; what varies slowly from setting to setting is in the covariance of its readings, and not in what it leaves itself.
 fn fit(
-    (own, degc, joint): (&[&Plateau], &[f64], &SensorFit),
+    (own, degc, joint, noise): (&[&Plateau], &[f64], &SensorFit, &[DMatrix<f64>; 3]),
     [read, moved]: [&Series; 2],
     r_nom: &Matrix3<f64>,
 ) -> Option<WindowFit> {
@@ -66,9 +69,9 @@ fn fit(
         let parts = phi(x).and_then(|phi| split(&phi, r_nom).ok());
         parts.map_or(vec![f64::NAN; 9], |s| [s.sigma, s.xi_deg, [x[3], x[7], x[11]]].concat())
     };
-    let covariance = DMatrix::from_fn(12, 12, |r, c| {
-        if r / 4 == c / 4 { fit.unscaled_covariance[(r % 4, c % 4)] * fit.residual_std[r / 4].powi(2) } else { 0.0 }
-    });
+    let by_reading = &fit.unscaled_covariance * baseline.columns(&means.fields_nt, &means.t_s).transpose();
+    let of_component = noise.each_ref().map(|noise| &by_reading * noise * by_reading.transpose());
+    let covariance = DMatrix::from_fn(12, 12, |r, c| if r / 4 == c / 4 { of_component[r / 4][(r % 4, c % 4)] } else { 0.0 });
     let stacked = fit.coefficients.as_slice().to_vec();
     let found = propagate(quantities, &stacked, &covariance).ok()?;
     let phi = phi(&stacked)?;
