@@ -184,7 +184,7 @@ pub fn choose(
             (preferred, Some(predicting))
                 if predicting > preferred.unwrap_or(0)
                     && !preferred.is_some_and(is_explained)
-                    && odds_of_scatter(&candidates[preferred.unwrap_or(0)], &candidates[predicting]) < UNLIKELY =>
+                    && is_no_scatter(&candidates[preferred.unwrap_or(0)], &candidates[predicting]) =>
             {
                 (predicting, Reason::LeaveOneOut)
             }
@@ -203,19 +203,20 @@ pub fn choose(
     Ok(Chosen { order: candidate.order, reason, polynomial, covariance, inflation, choice, candidates })
 }
 
-/// Odds of points that scatter about a lower order against a higher one: the probability that they leave so little about the higher one by chance. Of a
-/// line whose points are within their standard deviations, against a constant, that of standard deviations which are too small by so much counts as
-/// well, `P(factor > f) = 1 / f`.
-fn odds_of_scatter(lower: &Candidate, higher: &Candidate) -> f64 {
+/// Whether points that leave so little about a higher order do not only scatter about a lower one: they do so by chance less often than
+/// [`UNLIKELY`]. A line whose points are within their standard deviations may also be told from a constant by both together, that chance and how
+/// improbable standard deviations are that are too small by so much, `P(factor > f) = 1 / f`.
+fn is_no_scatter(lower: &Candidate, higher: &Candidate) -> bool {
     let [gained, left] = [lower.dof - higher.dof, higher.dof].map(|dof| dof as f64);
     let f = (lower.rss - higher.rss) / gained / (higher.rss / left);
     let by_chance = fisher_tail(f, [gained, left]);
-    match (lower.chi2, higher.chi2) {
+    let of_line = match (lower.chi2, higher.chi2) {
         (Some(scattering), Some(left)) if higher.order == 1 && excess(left, higher.dof) == 1.0 => {
-            by_chance / excess(scattering, lower.dof)
+            by_chance / excess(scattering, lower.dof) < NO_SCATTER
         }
-        _ => by_chance,
-    }
+        _ => false,
+    };
+    by_chance < UNLIKELY || of_line
 }
 
 /// Factor by which the standard deviation of a polynomial at the points, root mean square, grows with the orders that it might have as well.
@@ -248,6 +249,10 @@ fn of_choice(fits: &[(Candidate, Polynomial)], chosen: usize, std_unit: f64, x: 
 /// A sum of squares that chance exceeds less often than this shows that standard deviations are too small, and a scatter that is so small by
 /// chance less often than this that an order is too low.
 const UNLIKELY: f64 = 0.01;
+
+/// Odds of scatter against a line through three points from which on the line is taken: what is lost is a slope whose uncertainty is too large, and
+/// what a line by luck brings is a small uncertainty on a wrong one.
+const NO_SCATTER: f64 = 0.001;
 
 /// Factor on standard deviations which a sum of squares asks for: `sqrt(chi2 / dof)` above the 99 % quantile, otherwise 1.
 #[must_use]

@@ -272,10 +272,11 @@ impl Open {
         }
         if !self.knows_runs() {
             // Tables in place of runs belong to the campaign in whose folder they lie.
-            return match self.homes_of_tables().into_iter().find(|place| !place.starts_with(&campaign.root)) {
-                Some(place) => Err(self.refusal(format!(
+            let homes = self.homes_of_tables();
+            return match homes.first().filter(|_| !homes.iter().any(|home| home.starts_with(&campaign.root))) {
+                Some(home) => Err(self.refusal(format!(
                     "holds results of tables in {}, which are not in the folder of {}",
-                    place.display(),
+                    home.display(),
                     seen.name
                 ))),
                 None => Ok(()),

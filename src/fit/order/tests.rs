@@ -256,7 +256,7 @@ fn a_polynomial_that_passes_near_all_points_by_luck_is_not_taken() {
 
 /// Three runs at three temperatures on a line, as in a campaign with one run at each: the line is taken from a slope on that their standard deviations
 /// show beyond doubt, although one degree of freedom cannot tell how far they scatter. Runs that scatter by twenty times what they state are a line by
-/// luck where the middle one is within its standard deviation of it, in a tenth of the sets.
+/// luck where the middle one is within its standard deviation of it, in one of thirty sets.
 #[test]
 fn three_points_show_a_slope_that_is_far_larger_than_their_standard_deviations() {
     const SETS: usize = 2000;
@@ -269,13 +269,13 @@ fn three_points_show_a_slope_that_is_far_larger_than_their_standard_deviations()
         };
         (0..SETS).map(set).filter(|is_line| *is_line).count() as f64 / SETS as f64
     };
-    for slope in [40.0, 80.0, 1000.0] {
+    for slope in [100.0, 200.0, 1000.0] {
         let share = lines(slope, 1.0);
         // A middle point beyond its 99 % quantile is no proof of a line.
         assert!(share > 0.975, "{slope}: {share}");
     }
     let by_luck = lines(0.0, 20.0);
-    assert!(by_luck < 0.13, "{by_luck}");
+    assert!(by_luck < 0.06, "{by_luck}");
     // Noise alone is no slope.
     assert!(lines(0.0, 1.0) < 0.03);
 }
