@@ -4,6 +4,7 @@ use super::output::{Printed, Terminal, json};
 use super::{Common, Status, jobs_of, open, refused, report_failures, status};
 use crate::data::error::Finding;
 use crate::data::run::Kind;
+use crate::files::import::Format;
 use crate::files::output::Folder;
 use crate::files::parameter::{Cpf, is_named};
 use crate::measure::coil::{scalar, tilt};
@@ -13,7 +14,7 @@ use crate::workflow::{
     scalar_of,
 };
 use clap::{Args, Subcommand};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
@@ -86,14 +87,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
 }
 
-fn ends_with(path: &Path, end: &str) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case(end))
-}
-
 fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let desk = common.desk();
     if let [table] = own.paths.as_slice()
-        && ends_with(table, "csv")
+        && Format::Csv.is_of(table)
     {
         common.results.accept_tables([table])?;
         let mut findings = Vec::new();
@@ -101,7 +98,7 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
         findings.iter().for_each(|f| terminal.finding(f));
         return finish(Some(Ok(made)), Vec::new(), &[], 1, common, terminal);
     }
-    if let Some(table) = own.paths.iter().find(|p| ends_with(p, "csv")) {
+    if let Some(table) = own.paths.iter().find(|p| Format::Csv.is_of(p)) {
         return Err(Finding::error(&table.display().to_string(), "is not the only PATH", "name one table alone, or runs"));
     }
     let campaigns = open(&own.paths, common, terminal)?;
@@ -113,7 +110,7 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
 
 fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let (cpfs, others): (Vec<PathBuf>, Vec<PathBuf>) = own.paths.iter().cloned().partition(|path| is_named::<Cpf>(path));
-    common.results.accept_tables(others.iter().filter(|path| ends_with(path, "csv")))?;
+    common.results.accept_tables(others.iter().filter(|path| Format::Csv.is_of(path)))?;
     common.results.places(&own.facility);
     common.results.accept_files(&cpfs)?;
     let facility = facility(own.facility.as_ref())?;
@@ -121,7 +118,7 @@ fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Re
     let mut failures = Vec::new();
     let mut campaign_paths = Vec::new();
     for path in &own.paths {
-        if ends_with(path, "csv") {
+        if Format::Csv.is_of(path) {
             let mut findings = Vec::new();
             let read = input.table(path, &mut findings);
             findings.iter().for_each(|f| terminal.finding(f));

@@ -8,6 +8,7 @@ use crate::data::run::Kind;
 #[cfg(feature = "tables")]
 use crate::data::time::day_of;
 use crate::diagnose;
+use crate::files::import::Format;
 use crate::files::parameter::{Cpf, is_named};
 #[cfg(feature = "tables")]
 use crate::workflow::flight::{DifferenceOptions, diagnose_flight};
@@ -243,19 +244,14 @@ fn told(
     Ok((done, failures))
 }
 
-/// Whether a path is that of a table of run results, by its ending.
-fn is_table(path: &Path) -> bool {
-    path.extension().is_some_and(|end| end.eq_ignore_ascii_case("csv"))
-}
-
 /// Takes tables and parameter files among the paths; the rest is returned.
 fn parameters(paths: &[PathBuf], together: &mut Across, common: &Common, terminal: &Terminal) -> Result<Vec<PathBuf>, Finding> {
     let (cpfs, rest): (Vec<PathBuf>, Vec<PathBuf>) = paths.iter().cloned().partition(|path| is_named::<Cpf>(path));
-    common.results.accept_tables(rest.iter().filter(|path| is_table(path)))?;
+    common.results.accept_tables(rest.iter().filter(|path| Format::Csv.is_of(path)))?;
     common.results.accept_files(&cpfs)?;
     let mut others = Vec::new();
     for path in paths {
-        if is_table(path) {
+        if Format::Csv.is_of(path) {
             let mut findings = Vec::new();
             let read = together.table(path, &mut findings);
             findings.iter().for_each(|f| terminal.finding(f));

@@ -230,7 +230,8 @@ pub fn bands(stages: &[Stage], per_decade: f64, lines: &[Line]) -> Vec<Point> {
     let mut points = Vec::new();
     for stage in stages {
         let step = stage.density.step_hz;
-        let is_line = |bin: usize| lines.iter().any(|l| (l.frequency_hz - bin as f64 * step).abs() <= l.reach_hz(step));
+        let shown: Vec<[f64; 2]> = lines.iter().map(|l| [l.frequency_hz, l.reach_hz(step)]).collect();
+        let is_line = |bin: usize| shown.iter().any(|[line_hz, reach_hz]| (line_hz - bin as f64 * step).abs() <= *reach_hz);
         let mut at = stage.bins[0];
         while at < stage.bins[1] {
             let ratio = 10f64.powf(1.0 / per_decade);

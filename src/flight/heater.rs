@@ -29,6 +29,8 @@ mod courses;
 mod edges;
 mod learning;
 mod screen;
+#[cfg(test)]
+mod simulated;
 mod states;
 mod table;
 mod unlisted;

@@ -6,7 +6,7 @@ use super::temperature_faults;
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::result::AT_REST_K;
-use crate::data::run::{Run, interpolate, mean_over};
+use crate::data::run::{Run, mean_over};
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
 use crate::model::coil::Coil;
@@ -255,18 +255,15 @@ fn degc_of(run: &Run, channel: &str, spans_s: &[[f64; 2]]) -> Option<Course> {
     let mut farthest_s: f64 = 0.0;
     let mut one = |[begin, end]: &[f64; 2]| {
         let from = series.partition_point(|(t, _)| t < begin);
-        let inside = &series[from..series.partition_point(|(t, _)| t <= end).max(from)];
-        if !inside.is_empty() {
-            return mean_over(&series, [*begin, *end]);
-        }
         let before_s = from.checked_sub(1).map_or(f64::INFINITY, |i| begin - series[i].0);
+        // Zero or less with a reading inside.
         let after_s = series.get(from).map_or(f64::INFINITY, |(t, _)| t - end);
         let away_s = before_s.min(after_s);
         if away_s > near_s {
             without += 1;
             farthest_s = farthest_s.max(away_s);
         }
-        interpolate(&series, 0.5 * (begin + end))
+        mean_over(&series, [*begin, *end])
     };
     let degc = spans_s.iter().map(&mut one).collect();
     Some(Course { degc, without, farthest_s })

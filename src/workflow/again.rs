@@ -17,6 +17,7 @@ use crate::data::recipe::{Recipe, RecipeError};
 use crate::data::run::Kind;
 use crate::files::campaign::Campaign;
 use crate::files::ccr;
+use crate::files::import::Format;
 use crate::files::parameter::{self, Body, Cpf, Tpf, is_named};
 use crate::measure::{freq, lin, sweep, thermistor};
 use crate::model::facility::Facility;
@@ -231,7 +232,7 @@ fn diagnose(with: &Ingredients, desk: &Desk) -> Result<(), AgainError> {
     let mut together = Across::default();
     let mut runs = Vec::new();
     for path in &with.data {
-        if is_table(path) {
+        if Format::Csv.is_of(path) {
             together.table(path, &mut Vec::new())?;
         } else if is_named::<Cpf>(path) {
             together.cpf(path)?;
@@ -319,17 +320,13 @@ fn thermistor(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), Ag
     Ok(())
 }
 
-fn is_table(path: &Path) -> bool {
-    path.extension().is_some_and(|end| end.eq_ignore_ascii_case("csv"))
-}
-
 fn coil(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), AgainError> {
     match recipe.analysis.as_str() {
         "coil scalar" => {
             let options = recipe.options()?;
             of_runs(&with.data, Kind::Scalar, desk, |jobs| publish_made(scalar_of(read(jobs, desk)?, &options, desk)?, desk))
         }
-        "coil residual" if table(with).is_ok_and(is_table) => {
+        "coil residual" if table(with).is_ok_and(|path| Format::Csv.is_of(path)) => {
             publish_made(Some(residual_of_table(table(with)?, &mut Vec::new())?), desk)
         }
         "coil residual" => {
@@ -340,7 +337,7 @@ fn coil(recipe: &Recipe, with: &Ingredients, desk: &Desk) -> Result<(), AgainErr
             let mut input = TiltInput::default();
             let mut runs = Vec::new();
             for path in &with.data {
-                if is_table(path) {
+                if Format::Csv.is_of(path) {
                     input.table(path, &mut Vec::new())?;
                 } else if is_named::<Cpf>(path) {
                     input.cpf(path)?;

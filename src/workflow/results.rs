@@ -9,6 +9,7 @@ use crate::data::result::RunHead;
 use crate::data::run::Header;
 use crate::data::run_state::{Outcome, RunState};
 use crate::files::campaign::Campaign;
+use crate::files::import::Format;
 use crate::files::ledger::{Ledger, Origin, Written, WrittenFiles};
 use crate::files::lock::FolderLock;
 use crate::files::output::{Folder, is_gone};
@@ -299,8 +300,7 @@ impl Open {
     /// The folders in which tables of the results of before lie.
     fn homes_of_tables(&self) -> Vec<PathBuf> {
         let from = self.before.iter().flat_map(|before| &before.files).flat_map(|file| &file.from);
-        let tables: Vec<&str> =
-            from.map(|from| from.path.as_str()).filter(|p| p.to_ascii_lowercase().ends_with(".csv")).collect();
+        let tables: Vec<&str> = from.map(|from| from.path.as_str()).filter(|p| Format::Csv.is_of(Path::new(p))).collect();
         self.homes_of(&tables)
     }
 

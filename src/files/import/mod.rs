@@ -37,6 +37,12 @@ impl Format {
         }
     }
 
+    /// Whether a path is named as a file of this format.
+    #[must_use]
+    pub fn is_of(self, path: &Path) -> bool {
+        Self::of_name(path) == Some(self)
+    }
+
     /// The binary format that a file begins with, whatever its name.
     #[must_use]
     pub fn of_begin(bytes: &[u8]) -> Option<Self> {

@@ -29,7 +29,7 @@ pub(super) fn is_own(dtype: &ArrowDataType) -> bool {
 /// Some rows of columns as a table.
 ///
 /// # Errors
-/// A column of lists, structures or another type that is no number, text or moment.
+/// A column of structures or another type that neither passes nor is a number, a text or a moment.
 pub(super) fn frame_of(path: &Path, rows: usize, columns: Vec<Pieces>) -> Result<DataFrame, Finding> {
     let columns: Vec<Column> = columns.into_iter().map(|pieces| column_of(path, rows, pieces)).collect::<Result<_, _>>()?;
     DataFrame::new(rows, columns).map_err(|e| refuse(path, &e))

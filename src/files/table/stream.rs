@@ -92,10 +92,7 @@ impl Reader {
                 if !file.fields().all(|field| is_own(&field.dtype)) {
                     return Ok(Self { path: path.to_owned(), source: Rows::Columns { file: Box::new(file), group: 0 }, done: 0 });
                 }
-                let mut reader = ParquetReader::new(open()?);
-                let metadata = guarded(path, || reader.get_metadata().map_err(|e| refuse(path, &e)))?;
-                let groups: Vec<usize> = metadata.row_groups.iter().map(|group| group.num_rows()).collect();
-                Rows::Parquet { pieces: Box::new(pieces(groups)) }
+                Rows::Parquet { pieces: Box::new(pieces(file.group_rows())) }
             }
             Some(Format::Ipc) => {
                 let mut file = BufReader::new(open()?);

@@ -83,34 +83,12 @@ pub fn table_times(records: &[Cells], options: &HeaterOptions) -> Option<TableTi
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::random::Random;
+    use crate::flight::heater::simulated::{SECOND, Switching};
     use crate::flight::heater::{HeaterInterval, HeaterOn};
 
-    const SECOND: i64 = 1_000_000_000;
-
-    /// A walk of 0.05 nT per second with noise of 0.03 nT, and a heater of 0.5 nT that switches every 12 to 20 s.
     #[test]
     fn times_of_a_table_that_are_late_or_of_another_day_are_seen() {
-        let mut random = Random::seeded(5);
-        let mut table = Vec::new();
-        let mut at = 20.0;
-        while at < 560.0 {
-            let mut next = || {
-                at += 12.0 + 8.0 * random.uniform();
-                (at * SECOND as f64) as i64
-            };
-            table.push(HeaterOn { from_tt2000: next(), to_tt2000: next(), class: 0 });
-        }
-        let time: Vec<i64> = (0..1200).map(|k| k * SECOND / 2).collect();
-        let is_on = |t: &i64| f64::from(u8::from(table.iter().any(|row| (row.from_tt2000..row.to_tt2000).contains(t))));
-        let field_nt = [0.5, -0.1, 0.2].map(|nt| {
-            let mut level = 0.0;
-            let value = |t: &i64| {
-                level += 0.035 * random.gaussian();
-                level + 0.03 * random.gaussian() + nt * is_on(t)
-            };
-            time.iter().map(value).collect::<Vec<f64>>()
-        });
+        let Switching { time, field_nt, table, .. } = Switching::new(5, [0.5, -0.1, 0.2], 600);
         let of = |add_s: i64, interval: [i64; 2]| {
             let moved = |row: &HeaterOn| HeaterOn {
                 from_tt2000: row.from_tt2000 + add_s * SECOND,

@@ -73,39 +73,16 @@ fn gain(evidence: &Evidence, cell: f64, innovations: &[Vector3<f64>], vectors: &
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::random::Random;
-    use crate::flight::heater::{HeaterInterval, HeaterOn, learn};
+    use crate::flight::heater::simulated::Switching;
+    use crate::flight::heater::{HeaterOn, learn};
 
-    const SECOND: i64 = 1_000_000_000;
-
-    /// A walk of 0.05 nT per second with noise of 0.03 nT, and a heater of 0.8 nT that switches every 12 to 20 s.
     #[test]
     fn switching_without_a_row_of_the_table_is_seen() {
-        let mut random = Random::seeded(8);
-        let mut table = Vec::new();
-        let mut at = 20.0;
-        while at < 1160.0 {
-            let mut next = || {
-                at += 12.0 + 8.0 * random.uniform();
-                (at * SECOND as f64) as i64
-            };
-            table.push(HeaterOn { from_tt2000: next(), to_tt2000: next(), class: 0 });
-        }
-        let time: Vec<i64> = (0..2400).map(|k| k * SECOND / 2).collect();
-        let is_on = |t: &i64| f64::from(u8::from(table.iter().any(|row| (row.from_tt2000..row.to_tt2000).contains(t))));
-        let field_nt = [0.8, -0.1, 0.4].map(|nt| {
-            let mut level = 0.0;
-            let value = |t: &i64| {
-                level += 0.035 * random.gaussian();
-                level + 0.03 * random.gaussian() + nt * is_on(t)
-            };
-            time.iter().map(value).collect::<Vec<f64>>()
-        });
+        let Switching { time, field_nt, table, interval } = Switching::new(8, [0.8, -0.1, 0.4], 1200);
         let of = |is_kept: &dyn Fn(usize) -> bool| {
             let kept: Vec<HeaterOn> = table.iter().enumerate().filter(|(k, _)| is_kept(*k)).map(|(_, row)| *row).collect();
             let lost = table.len() - kept.len();
             let options = HeaterOptions::new(vec!["h".into()], HeaterMethod::Table(kept));
-            let interval = HeaterInterval { from_tt2000: 0, to_tt2000: 1200 * SECOND };
             let records = [Cells::of(&time, &field_nt, interval, &options).unwrap()];
             let classes = learn(&records, &options).unwrap();
             (unlisted(&records, &classes, &options).len(), 2 * lost)

@@ -65,6 +65,11 @@ impl Levels {
         Ok(Fitted::of(stays)?.levels(self.coefficients.clone(), self.plateau_std_ent, Vec::new()))
     }
 
+    /// Whether no field was applied in any visit: nothing shows directions or sensitivities.
+    pub fn has_no_fields(&self) -> bool {
+        self.directions.iter().all(Vec::is_empty)
+    }
+
     /// Standard uncertainty of the reading of a visit, enT.
     pub fn std_ent(&self, visit: usize, component: usize) -> f64 {
         let index = component * (self.coefficients.nrows() / 3) + visit;

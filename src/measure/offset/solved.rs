@@ -273,7 +273,7 @@ impl<'a> Answer<'a> {
     /// Standard uncertainty of the residual field along a coil axis by that of the sensitivities, nT, where no field was applied that shows them. In enT
     /// the residual field is as it was read.
     fn of_gain_nt(&self, axis: usize) -> f64 {
-        if self.levels.directions.iter().all(Vec::is_empty) { NOMINAL_GAIN * self.residual_nt[axis].abs() } else { 0.0 }
+        if self.levels.has_no_fields() { NOMINAL_GAIN * self.residual_nt[axis].abs() } else { 0.0 }
     }
 
     /// Value and standard uncertainty of a sum of parameters with factors.
@@ -438,7 +438,7 @@ impl Solved {
             let text = format!(
                 "fields were not applied along all axes in every position: the sensor is taken to lie along the nominal axes within {:.1}°{}",
                 NOMINAL_TILT.to_degrees(),
-                if levels.directions.iter().all(Vec::is_empty) {
+                if levels.has_no_fields() {
                     format!(", and to have sensitivities of 1 within {:.0} %, for the residual field in nT", 100.0 * NOMINAL_GAIN)
                 } else {
                     String::new()
