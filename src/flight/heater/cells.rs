@@ -7,7 +7,7 @@ use super::{HeaterInterval, HeaterOptions};
 
 /// Missing cells in a row that are filled by a straight line. A lost vector then costs one cell of evidence, and not all that
 /// follow from it.
-const FILLED_CELLS: usize = 3;
+pub(super) const FILLED_CELLS: usize = 3;
 
 /// Means of the field over the cells of one interval.
 #[derive(Clone, Debug, PartialEq)]

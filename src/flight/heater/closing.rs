@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use nalgebra::Vector3;
 
-use super::cells::Profile;
+use super::cells::{FILLED_CELLS, Profile};
 use super::{HEATER, HeaterClass, HeaterClosing, HeaterError, HeaterInterval, HeaterOptions, Jump};
 
 /// Subtracts the class vectors within an interval and closes the samples of the edges; vectors that are null stay null, and
@@ -56,6 +56,9 @@ pub fn close(
             }
         }
         heat[near.end] += vector - last;
+        if jump.time_std_s.is_infinite() {
+            of_edge[unseen(&time_tt2000[rows.clone()], jump.time_tt2000, options)].fill(true);
+        }
     }
     let mut sum = Vector3::zeros();
     for (offset, row) in rows.clone().enumerate() {
@@ -70,6 +73,20 @@ pub fn close(
     }
     bridge(time_tt2000, field_nt, rows, &drawn);
     Ok(())
+}
+
+/// The vectors behind a gap in which, or soon after which, an edge lies that no vector shows: its field may be on or off in them. An increment is
+/// looked at once those that it is predicted from are there.
+fn unseen(time_tt2000: &[i64], jump_tt2000: i64, options: &HeaterOptions) -> Range<usize> {
+    let cells_ns = |cells: usize| (cells as f64 * options.cell_s * 1e9) as i64;
+    let (blind_ns, gap_ns) = (cells_ns(options.order + 1), cells_ns(FILLED_CELLS + 1));
+    let place = |at: i64| time_tt2000.partition_point(|&time| time < at);
+    let next = place(jump_tt2000 + blind_ns).min(time_tt2000.len() - 1);
+    let behind_gap = (1..=next).rev().find(|&row| time_tt2000[row] - time_tt2000[row - 1] > gap_ns);
+    match behind_gap.map(|row| (row, time_tt2000[row])) {
+        Some((row, from)) if jump_tt2000 < from + blind_ns => row..place(from + blind_ns),
+        _ => 0..0,
+    }
 }
 
 /// Share of an edge below which, and below which from the end, a sample does not count as one of the edge.
@@ -206,6 +223,28 @@ mod tests {
                 for (own, whole) in part[0].iter().zip(&whole[0][rows]) {
                     assert!((own - whole).abs() < 1e-12, "{own} {whole}");
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn vectors_behind_a_gap_that_hides_an_edge_have_the_flag() {
+        let (time, field, mut jumps, classes) = record(5);
+        // From 15 to 30 s there are no vectors, and four increments must follow before one can be predicted.
+        let is_left = |row: &usize| !(15 * SECOND..30 * SECOND).contains(&time[*row]);
+        let rows: Vec<usize> = (0..time.len()).filter(is_left).collect();
+        let time: Vec<i64> = rows.iter().map(|&row| time[row]).collect();
+        let options = HeaterOptions::new(vec!["h".into()], HeaterMethod::Found);
+        let interval = HeaterInterval { from_tt2000: 0, to_tt2000: 60 * SECOND };
+        for (std_s, at_s, flagged) in [(f64::INFINITY, 20, 30..35), (f64::INFINITY, 32, 30..35), (0.05, 32, 0..0)] {
+            (jumps[0].time_std_s, jumps[0].time_tt2000) = (std_s, at_s * SECOND);
+            let mut field = field.clone().map(|component| rows.iter().map(|&row| component[row]).collect::<Vec<_>>());
+            let mut flags = vec![0; time.len()];
+            close(&time, &mut field, &mut flags, interval, &jumps, &classes, &options).expect("columns of equal length");
+            for (flag, time) in flags.iter().zip(&time) {
+                let is_edge = [at_s, 40].iter().any(|edge| (time - edge * SECOND).abs() <= SECOND);
+                let is_flagged = flagged.contains(&(time / SECOND));
+                assert!(is_edge || is_flagged == (flag & HEATER != 0), "{std_s} {at_s} {time}");
             }
         }
     }

@@ -50,7 +50,7 @@ mod tests;
 mod together;
 
 use kernel::{LONGER, SHORTER, mean_of_variances, octave_constants, time_constants};
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 use plausible::{Average, EXPONENTS, GROWTHS, Inside, Place};
 use projected::Projected;
 use relaxations::Relaxations;
@@ -225,12 +225,8 @@ impl DenseNoise {
         EvenNoise { white: by_samples * mean(&|p| p.white), slow: slow.filter(|(_, v)| *v > 0.0).collect() }
     }
 
-    fn all_rows(&self, component: usize) -> DMatrix<f64> {
-        let mut covariance = DMatrix::from_diagonal(&self.white[component]);
-        for (shape, variance) in self.shapes.iter().zip(&self.slow[component]).filter(|(_, v)| **v > 0.0) {
-            covariance += shape.rows.dense() * *variance;
-        }
-        covariance
+    fn cholesky(&self, component: usize) -> Option<Cholesky<f64, Dyn>> {
+        self.covariance_of_rows(component, &(0..self.rows()).collect::<Vec<_>>()).cholesky()
     }
 }
 
@@ -273,19 +269,23 @@ impl NoiseModel for DenseNoise {
     }
 
     fn covariance_of_rows(&self, component: usize, rows: &[usize]) -> DMatrix<f64> {
-        let all = self.all_rows(component);
-        DMatrix::from_fn(rows.len(), rows.len(), |i, j| all[(rows[i], rows[j])])
+        let white = rows.iter().map(|row| self.white[component][*row]);
+        let mut covariance = DMatrix::from_diagonal(&DVector::from_iterator(rows.len(), white));
+        for (shape, variance) in self.shapes.iter().zip(&self.slow[component]).filter(|(_, v)| **v > 0.0) {
+            covariance += shape.rows.of_rows(rows) * *variance;
+        }
+        covariance
     }
 
     fn whiten(&self, component: usize, columns: &mut DMatrix<f64>) {
-        match self.all_rows(component).cholesky() {
+        match self.cholesky(component) {
             Some(cholesky) if cholesky.l_dirty().solve_lower_triangular_mut(columns) => {}
             _ => columns.fill(f64::NAN),
         }
     }
 
     fn log_determinant(&self, component: usize) -> f64 {
-        let cholesky = self.all_rows(component).cholesky();
+        let cholesky = self.cholesky(component);
         cholesky.map_or(f64::NAN, |c| 2.0 * c.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>())
     }
 }

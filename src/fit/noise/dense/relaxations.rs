@@ -86,26 +86,39 @@ impl Relaxations {
 
     /// All elements, n x n.
     pub fn dense(&self) -> DMatrix<f64> {
-        let n = self.order.len();
-        let mut matrix = DMatrix::zeros(n, n);
-        for k in 0..n {
-            matrix[(self.order[k], self.order[k])] = self.variance[k];
+        self.of_rows(&(0..self.order.len()).collect::<Vec<_>>())
+    }
+
+    /// The elements of some rows, which may have any order: those between the first and the last of them in time are gone through.
+    pub fn of_rows(&self, rows: &[usize]) -> DMatrix<f64> {
+        let mut asked = vec![None; self.order.len()];
+        rows.iter().enumerate().for_each(|(i, row)| asked[*row] = Some(i));
+        // Places in the order of time, with their row of the matrix.
+        let at: Vec<(usize, usize)> =
+            self.order.iter().enumerate().filter_map(|(place, row)| Some((place, asked[*row]?))).collect();
+        let mut matrix = DMatrix::zeros(rows.len(), rows.len());
+        for (later, &(k, i)) in at.iter().enumerate() {
+            matrix[(i, i)] = self.variance[k];
+            let Some(last) = at[later + 1..].last() else { break };
             for kind in 0..self.kinds {
                 let mut left = self.steps_of(k)[kind].leaves;
-                for l in k + 1..n {
+                let mut next = at[later + 1..].iter().peekable();
+                for l in k + 1..=last.0 {
                     let step = self.steps_of(l)[kind];
                     left *= step.kept;
                     if left.abs() < NEGLIGIBLE {
                         break;
                     }
-                    matrix[(self.order[l], self.order[k])] += left * step.takes;
+                    if let Some((_, j)) = next.next_if(|(place, _)| *place == l) {
+                        matrix[(*j, i)] += left * step.takes;
+                    }
                     left *= step.through;
                 }
             }
         }
-        for k in 0..n {
-            for l in k + 1..n {
-                matrix[(self.order[k], self.order[l])] = matrix[(self.order[l], self.order[k])];
+        for (later, &(_, i)) in at.iter().enumerate() {
+            for &(_, j) in &at[later + 1..] {
+                matrix[(i, j)] = matrix[(j, i)];
             }
         }
         matrix
