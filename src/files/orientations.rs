@@ -73,7 +73,7 @@ fn one(row: &TableRow) -> Result<OrientedRun, Finding> {
         return Err(row.refuse("an angle between sensor axes must lie between 1 and 179 degrees", "write angles in degrees"));
     }
     let field_nt = if row.text(13).is_empty() { None } else { Some(1000.0 * row.number(13)?) };
-    Ok(OrientedRun { run, sensor: row.text(11), mode: None, position, sigma, offset_nt, xi_deg, field_nt })
+    Ok(OrientedRun { run, sensor: row.text(11), mode: None, position, rho: None, sigma, offset_nt, xi_deg, field_nt })
 }
 
 #[cfg(test)]

@@ -191,6 +191,8 @@ pub struct OrientedRun {
     pub mode: Option<String>,
     /// Orientation.
     pub position: Position,
+    /// Rotation of the real against the nominal orientation, where it is known.
+    pub rho: Option<Matrix3<f64>>,
     /// Sensitivities along the sensor axes, nT/enT.
     pub sigma: [f64; 3],
     /// Offsets, nT.

@@ -17,8 +17,10 @@ use crate::measure::lin;
 use crate::model::campaign::Instructions;
 use crate::model::facility::{Facility, FacilityParameters};
 use crate::model::position::{OrientedRun, Position, PositionError};
+use crate::model::sensor::split;
 use crate::plot;
 use crate::show::{self, Drawn};
+use nalgebra::Matrix3;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
@@ -342,11 +344,13 @@ fn of_calibration(calibration: &LinearCalibration) -> Result<OrientedRun, Positi
     let position = Position::from_axes(&calibration.setup.position_axes)?;
     let sigma = calibration.sigma_nt_per_ent();
     let a = &calibration.angle_deg;
+    let phi = Matrix3::from_fn(|row, column| calibration.matrix.phi[row][column]);
     Ok(OrientedRun {
         run: calibration.run.id.clone(),
         sensor: calibration.run.sensor.clone(),
         mode: Some(calibration.run.mode.clone()),
         position,
+        rho: split(&phi, &position.r_nom()).ok().map(|split| split.rho),
         sigma,
         offset_nt: std::array::from_fn(|i| sigma[i] * calibration.offset.b_or_ent[i]),
         xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],

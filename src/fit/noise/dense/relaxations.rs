@@ -91,35 +91,33 @@ impl Relaxations {
 
     /// The elements of some rows, which may have any order: those between the first and the last of them in time are gone through.
     pub fn of_rows(&self, rows: &[usize]) -> DMatrix<f64> {
-        let mut asked = vec![None; self.order.len()];
-        rows.iter().enumerate().for_each(|(i, row)| asked[*row] = Some(i));
-        // Places in the order of time, with their row of the matrix.
-        let at: Vec<(usize, usize)> =
-            self.order.iter().enumerate().filter_map(|(place, row)| Some((place, asked[*row]?))).collect();
+        let mut of_row = vec![None; self.order.len()];
+        rows.iter().enumerate().for_each(|(i, row)| of_row[*row] = Some(i));
+        // Index of the matrix, in the order of time.
+        let at: Vec<Option<usize>> = self.order.iter().map(|row| of_row[*row]).collect();
+        let end = at.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
         let mut matrix = DMatrix::zeros(rows.len(), rows.len());
-        for (later, &(k, i)) in at.iter().enumerate() {
+        for (k, i) in at.iter().enumerate().filter_map(|(k, i)| Some((k, (*i)?))) {
             matrix[(i, i)] = self.variance[k];
-            let Some(last) = at[later + 1..].last() else { break };
             for kind in 0..self.kinds {
                 let mut left = self.steps_of(k)[kind].leaves;
-                let mut next = at[later + 1..].iter().peekable();
-                for l in k + 1..=last.0 {
+                for (l, j) in at[..end].iter().enumerate().skip(k + 1) {
                     let step = self.steps_of(l)[kind];
                     left *= step.kept;
                     if left.abs() < NEGLIGIBLE {
                         break;
                     }
-                    if let Some((_, j)) = next.next_if(|(place, _)| *place == l) {
-                        matrix[(*j, i)] += left * step.takes;
+                    if let Some(j) = *j {
+                        matrix[(j, i)] += left * step.takes;
                     }
                     left *= step.through;
                 }
             }
         }
-        for (later, &(_, i)) in at.iter().enumerate() {
-            for &(_, j) in &at[later + 1..] {
-                matrix[(i, j)] = matrix[(j, i)];
-            }
+        // Only the elements of a later row and an earlier column are there yet.
+        let in_time: Vec<usize> = at.into_iter().flatten().collect();
+        for (later, &j) in in_time.iter().enumerate() {
+            in_time[..later].iter().for_each(|&i| matrix[(i, j)] = matrix[(j, i)]);
         }
         matrix
     }
