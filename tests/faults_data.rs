@@ -552,6 +552,15 @@ proptest! {
 
 // row 26
 #[test]
+fn a_spike_at_the_end_of_a_setting_is_no_slow_settling() {
+    // The level that a setting settles to is that of its last quarter.
+    let run = [0, 4058, 5568].into_iter().fold(good(), |run, place| run.spike(place, 2, -32768.0));
+    let lin = fit(run.text()).unwrap();
+    assert_eq!(lin.calibration.quality.blocks_used, fit(good().text()).unwrap().calibration.quality.blocks_used);
+}
+
+// row 26
+#[test]
 fn the_robust_option_is_recorded_and_resists_a_disturbed_plateau() {
     let run = good();
     let disturbed = run.samples_of(4).fold(run.clone(), |run, i| run.spike(i, 0, 40.0));

@@ -3,13 +3,14 @@
 #![no_main]
 
 use calfit::files::flight::auxiliary::{Attitude, ModelField, Positions, Timed, Timeline, WheelRates, calm, heater};
+use calfit::files::flight::times::TimeRule;
 use calfit_fuzz::{DAY, LEAP, MISSION, as_file, table_name, told};
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 
 /// Opens a table and reads it over its day.
 fn timeline<T: Timed>(path: &Path, stated: T::Stated) {
-    if let Some((timeline, _)) = told(Timeline::<T>::open(path, stated, &LEAP), &[]) {
+    if let Some((timeline, _)) = told(Timeline::<T>::open(path, stated, TimeRule::default(), &LEAP), &[]) {
         told(timeline.over(&LEAP.day(DAY), &LEAP), &[]);
     }
 }
@@ -23,10 +24,10 @@ fuzz_target!(|bytes: &[u8]| {
         b'2' => timeline::<WheelRates>(path, ()),
         b'3' => timeline::<ModelField>(path, celestial().frame),
         b'4' => {
-            told(calm(path, &LEAP), &[]);
+            told(calm(path, TimeRule::default(), &LEAP), &[]);
         }
         _ => {
-            told(heater(path, &["h1".to_owned(), "h2".to_owned()], &LEAP), &[]);
+            told(heater(path, &["h1".to_owned(), "h2".to_owned()], TimeRule::default(), &LEAP), &[]);
         }
     });
 });

@@ -1,5 +1,6 @@
 //! Where the samples of a setting stop to show the step before it, and where they begin to show the one after it.
 
+use super::inside::spiky_bins;
 use super::{Accumulator, BINS, Bin, Course, Displacement, displacement};
 use crate::data::run::Setting;
 use nalgebra::{Matrix3, Vector3};
@@ -41,17 +42,17 @@ pub(super) struct Edges {
 impl Accumulator {
     /// Finds how many bins follow the step before a setting, and how many already follow the step after it: the deviation of every
     /// bin from the setting's middle is regressed on the step, over all settings and components at once.
-    pub(super) fn find_edges(&self) -> Edges {
+    pub(super) fn find_edges(&self, resolution: &impl Fn() -> [f64; 3]) -> Edges {
         // All settings share one clock after a step, whatever their length.
         let slot_s = self.median_duration_s() / BINS as f64;
-        let middle = self.levels(REFERENCE);
+        let middle = self.levels(REFERENCE, resolution);
         // Data that step too early show at least one whole sample of the next setting.
         let one_sample = 1.0 / (slot_s * self.sample_rate_hz).max(1.0);
         let early = (0..BINS - REFERENCE.end).map(|slot| self.response(&middle, slot, slot_s, false));
         let early_slots = followed(early, 0.5 * one_sample);
         // The level that a decay goes to is best seen at the end.
         let end = BINS - early_slots.map_or(BINS - REFERENCE.end, |slots| if slots == 0 { 0 } else { slots + 1 });
-        let last = self.levels(end - BINS / 4..end);
+        let last = self.levels(end - BINS / 4..end, resolution);
         let late = (0..MOST_SETTLING).map(|slot| self.response(&last, slot, slot_s, true));
         let late_slots = followed(late, NEGLIGIBLE);
         // A decay that has just become too small to be seen still biases the mean; half as long again makes it negligible.
@@ -98,9 +99,16 @@ impl Accumulator {
         (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
     }
 
-    /// The same of every setting.
-    pub(super) fn levels(&self, bins: Range<usize>) -> Vec<Option<[f64; 3]>> {
-        (0..self.bins.len().min(self.references.len())).map(|setting| self.level(setting, bins.clone())).collect()
+    /// The same of every setting, without bins that hold a spike: a single one would be seen in what every other bin has beside this level.
+    pub(super) fn levels(&self, bins: Range<usize>, resolution: &impl Fn() -> [f64; 3]) -> Vec<Option<[f64; 3]>> {
+        let level = |(all, reference): (&[Bin; BINS], &Option<[f64; 3]>)| {
+            let (own, reference) = (all.get(bins.clone())?, (*reference)?);
+            let mut total = Bin::EMPTY;
+            let spiky = spiky_bins(own, reference, resolution);
+            own.iter().zip(spiky).filter(|(_, is_spiky)| !is_spiky).for_each(|(bin, _)| total.merge(bin));
+            (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
+        };
+        self.bins.iter().zip(&self.references).map(level).collect()
     }
 
     /// How the data step inside the settings, bin by bin.

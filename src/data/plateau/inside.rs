@@ -47,6 +47,16 @@ pub(super) fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: &impl Fn
     let (_, of_typical, _) = counts.select_nth_unstable(middle);
     let times = OUTSTANDING_OF[(*of_typical as usize).clamp(1, OUTSTANDING_OF.len()) - 1];
     for axis in 0..3 {
+        // No sample is farther from the level than the samples are apart, and in no bin is the farthest one nearer than half of what its own are.
+        let there = || bins.iter().filter(|b| b.count > 0);
+        let [low, high] = [
+            there().map(|b| b.min[axis]).fold(f64::INFINITY, f64::min),
+            there().map(|b| b.max[axis]).fold(f64::NEG_INFINITY, f64::max),
+        ];
+        let nearest = there().map(|b| 0.5 * (b.max[axis] - b.min[axis])).fold(f64::INFINITY, f64::min);
+        if nearest > 0.0 && high - low <= times * nearest {
+            continue;
+        }
         let level =
             reference[axis] + median(&mut bins.iter().filter(|b| b.count > 0).map(|b| b.mean(axis)).collect::<Vec<f64>>());
         let reach = |b: &Bin| (b.max[axis] - level).max(level - b.min[axis]);

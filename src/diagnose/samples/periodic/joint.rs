@@ -24,17 +24,38 @@ pub struct Harmonics {
     products: Vec<Vec<[Complex<f64>; 2]>>,
 }
 
-/// Normal equations of the sines and cosines of harmonics, in units of the noise of each: sines and cosines in turn.
+/// What the samples say of the sines and cosines of harmonics, in turn, where the noise of each harmonic is its own.
 pub struct Joint {
     orders: Vec<usize>,
-    /// Reciprocal noise of the harmonics, products and right sides of the axes.
     axes: [Axis; 3],
 }
 
+/// Of the normal equations `N x = r` of white noise and the reciprocal noise `D` of the harmonics beside it, `D r` has the covariance `N`.
 struct Axis {
-    per_noise: Vec<f64>,
-    normal: DMatrix<f64>,
-    right: DVector<f64>,
+    /// Chi square of all harmonics with any sizes and phases, `(D r)ᵀ N⁻¹ D r`.
+    explained: f64,
+    /// What a shape p is multiplied with for its part of `D r`: `N D N⁻¹ D r`.
+    shown: DVector<f64>,
+    /// Its own square, `N D N⁻¹ D N`.
+    metric: DMatrix<f64>,
+}
+
+impl Axis {
+    fn of(normal: DMatrix<f64>, right: &DVector<f64>, per_noise: &[f64]) -> Self {
+        let scaled = |column: &DVector<f64>| DVector::from_fn(column.len(), |k, _| per_noise[k / 2] * column[k]);
+        let Some(cholesky) = normal.clone().cholesky() else {
+            return Self { explained: 0.0, shown: right * 0.0, metric: DMatrix::identity(right.len(), right.len()) };
+        };
+        let right = scaled(right);
+        let solved = cholesky.solve(&right);
+        let mut by_shape = normal;
+        by_shape.row_iter_mut().enumerate().for_each(|(k, mut row)| row *= per_noise[k / 2]);
+        Self {
+            explained: right.dot(&solved),
+            shown: by_shape.tr_mul(&solved),
+            metric: by_shape.tr_mul(&cholesky.solve(&by_shape)),
+        }
+    }
 }
 
 impl Harmonics {
@@ -125,8 +146,8 @@ impl Harmonics {
                 let size = 0.5 * (normal[(2 * i, 2 * i)] + normal[(2 * i + 1, 2 * i + 1)]);
                 (2.0 * size / waves.noise.level(a, line)).sqrt()
             };
-            let per_noise = (0..n).map(noise).collect();
-            Axis { per_noise, normal, right }
+            let per_noise: Vec<f64> = (0..n).map(noise).collect();
+            Axis::of(normal, &right, &per_noise)
         });
         Joint { orders: self.orders.clone(), axes: std::array::from_fn(|_| axes.next().expect("three axes")) }
     }
@@ -141,28 +162,20 @@ fn pairs(orders: &[usize]) -> impl Iterator<Item = (usize, usize)> + use<> {
 impl Joint {
     /// Chi square of all harmonics with any sizes and phases.
     fn explained(&self) -> f64 {
-        let of_axis = |axis: &Axis| {
-            let right = DVector::from_fn(axis.right.len(), |k, _| axis.per_noise[k / 2] * axis.right[k]);
-            axis.normal.clone().cholesky().map_or(0.0, |normal| right.dot(&normal.solve(&right)))
-        };
-        self.axes.iter().map(of_axis).sum()
+        self.axes.iter().map(|axis| axis.explained).sum()
     }
 
     /// Chi square of a switched signal and its amplitudes with uncertainties.
     pub fn matched(&self, form: &Comb, duty: f64, delay: f64) -> (f64, [(f64, f64); 3]) {
-        let parts: Vec<f64> = self
-            .orders
-            .iter()
-            .flat_map(|order| {
-                let (sin, cos) = (form.harmonic)(*order, duty, delay);
-                [sin, cos]
-            })
-            .collect();
+        let parts = self.orders.iter().flat_map(|order| {
+            let (sin, cos) = (form.harmonic)(*order, duty, delay);
+            [sin, cos]
+        });
+        let shape = DVector::from_vec(parts.collect());
         let mut gain = 0.0;
         let values = self.axes.each_ref().map(|axis| {
-            let shape = DVector::from_fn(parts.len(), |k, _| axis.per_noise[k / 2] * parts[k]);
-            let top: f64 = (0..parts.len()).map(|k| axis.per_noise[k / 2] * shape[k] * axis.right[k]).sum();
-            let bottom = shape.dot(&(&axis.normal * &shape));
+            let top = shape.dot(&axis.shown);
+            let bottom = shape.dot(&(&axis.metric * &shape));
             gain += top * top / bottom;
             (top / bottom, bottom.sqrt().recip())
         });

@@ -46,23 +46,28 @@ struct Values {
     variance: Vec<f64>,
 }
 
-/// What is left of the differences with a scatter: its logarithmic likelihood, and the covariance of the parameters.
+/// What is left of the differences with a scatter: its logarithmic likelihood, that of all differences, and the covariance of the parameters.
 struct Weighed {
     likelihood: f64,
+    of_all: f64,
     covariance: DMatrix<f64>,
 }
 
 impl Values {
-    /// `None` if there are too few calibrations to leave anything of the differences.
-    fn of(found: &[Found], parameter: usize, parameters: usize) -> Option<Self> {
+    fn of(found: &[Found], parameter: usize, parameters: usize) -> Self {
         let columns: Vec<usize> =
             (0..parameters).filter(|c| found.iter().any(|one| one.derivatives[parameter][*c] != 0.0)).collect();
-        (found.len() > columns.len()).then(|| Self {
+        Self {
             design: DMatrix::from_fn(found.len(), columns.len(), |r, c| found[r].derivatives[parameter][columns[c]]),
             difference: DVector::from_iterator(found.len(), found.iter().map(|one| one.difference[parameter])),
             variance: found.iter().map(|one| one.std[parameter].powi(2)).collect(),
             columns,
-        })
+        }
+    }
+
+    /// Whether there are enough calibrations to leave anything of the differences.
+    fn leave_something(&self) -> bool {
+        self.difference.len() > self.columns.len()
     }
 
     /// The likelihood of the differences that no parameters explain (restricted likelihood), for a scatter.
@@ -80,9 +85,34 @@ impl Values {
         let left = &self.difference - &self.design * taken;
         let squares: f64 = left.iter().zip(&weights).map(|(d, w)| d * d * w).sum();
         let determinant = 2.0 * (root.l().diagonal().map(f64::ln).sum() + scale.iter().map(|s| s.ln()).sum::<f64>());
-        let likelihood = 0.5 * (weights.iter().map(|w| w.ln()).sum::<f64>() - determinant - squares);
-        Some(Weighed { likelihood, covariance })
+        let of_all = 0.5 * (weights.iter().map(|w| w.ln()).sum::<f64>() - squares);
+        Some(Weighed { likelihood: of_all - 0.5 * determinant, of_all, covariance })
     }
+}
+
+/// The values of one family.
+fn of_family(found: &[Found], family: usize, parameters: usize) -> Vec<Values> {
+    (3 * family..3 * family + 3).map(|j| Values::of(found, j, parameters)).collect()
+}
+
+/// The usual uncertainty of values, and the sizes of a scatter that are weighed, none among them.
+fn sizes(values: &[Values]) -> Option<(f64, Vec<f64>)> {
+    let mut own: Vec<f64> = values.iter().flat_map(|v| v.variance.iter().map(|v| v.sqrt())).collect();
+    if own.is_empty() {
+        return None;
+    }
+    let unit = median(&mut own);
+    let (smallest, largest, steps) = SIZES;
+    let size = |i: usize| unit * smallest * (largest / smallest).powf(i as f64 / (steps - 1) as f64);
+    Some((unit, [0.0].into_iter().chain((0..steps).map(size)).collect()))
+}
+
+/// The largest logarithmic likelihood of the differences of one family, with the scatter and the parameters that suit them best.
+pub(super) fn likelihood(found: &[Found], family: usize, parameters: usize) -> Option<f64> {
+    let values = of_family(found, family, parameters);
+    let (_, sizes) = sizes(&values)?;
+    let of_size = |size: &f64| values.iter().map(|v| Some(v.weighed(*size)?.of_all)).sum::<Option<f64>>();
+    sizes.iter().filter_map(of_size).reduce(f64::max)
 }
 
 impl Scatter {
@@ -90,7 +120,7 @@ impl Scatter {
     pub fn of(found: &[Found], parameters: usize) -> Self {
         let mut scatter = Self { factors: vec![1.0; parameters], families: [None; 3] };
         for family in 0..3 {
-            let values: Vec<Values> = (3 * family..3 * family + 3).filter_map(|j| Values::of(found, j, parameters)).collect();
+            let values: Vec<Values> = of_family(found, family, parameters).into_iter().filter(Values::leave_something).collect();
             scatter.families[family] = scatter.weigh(&values);
         }
         scatter
@@ -98,14 +128,7 @@ impl Scatter {
 
     /// Widens what one family determines; its size and probability.
     fn weigh(&mut self, values: &[Values]) -> Option<(f64, f64)> {
-        let mut own: Vec<f64> = values.iter().flat_map(|v| v.variance.iter().map(|v| v.sqrt())).collect();
-        if own.is_empty() {
-            return None;
-        }
-        let unit = median(&mut own);
-        let (smallest, largest, steps) = SIZES;
-        let size = |i: usize| unit * smallest * (largest / smallest).powf(i as f64 / (steps - 1) as f64);
-        let sizes: Vec<f64> = [0.0].into_iter().chain((0..steps).map(size)).collect();
+        let (unit, sizes) = sizes(values)?;
         let weighed: Vec<Vec<Weighed>> =
             sizes.iter().map(|size| values.iter().map(|v| v.weighed(*size)).collect()).collect::<Option<_>>()?;
         let beforehand = |size: f64| if size == 0.0 { NONE } else { (1.0 - NONE) * share(size / unit) };

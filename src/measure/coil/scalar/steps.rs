@@ -26,6 +26,8 @@ pub(super) struct Explained {
     pub hypotheses: Vec<ScalarHypothesis>,
     /// A step that explains the calibrations better than the temperatures do, but not convincingly.
     pub undecided: Option<Step>,
+    /// Steps that were not taken, since a scatter of the calibrations explains them as well.
+    pub scattering: usize,
 }
 
 /// A fit to the rows that count, by its evidence.
@@ -149,8 +151,9 @@ pub(super) fn agreeing_with_their_own(rows: &[Observation], runs: usize) -> Vec<
     counts
 }
 
-/// Looks for steps beside and in place of what the temperatures explain; `counts` says which rows agree with their own calibration.
-pub(super) fn explain(rows: &[Observation], counts: &[bool], thermal: &Terms) -> Explained {
+/// Looks for steps beside and in place of what the temperatures explain; `counts` says which rows agree with their own calibration, and `kept` which
+/// of the steps stay where calibrations may scatter.
+pub(super) fn explain(rows: &[Observation], counts: &[bool], thermal: &Terms, kept: impl Fn(&[Step]) -> Vec<Step>) -> Explained {
     let comparison = Comparison {
         rows,
         moduli: rows.iter().map(|r| r.scalar.modulus_nt).collect(),
@@ -158,7 +161,10 @@ pub(super) fn explain(rows: &[Observation], counts: &[bool], thermal: &Terms) ->
         runs: rows.iter().map(|r| r.run + 1).max().unwrap_or_default(),
     };
     let has_thermal = thermal.coil || thermal.rack;
-    let (terms, next) = comparison.with_steps(thermal);
+    let (stepped, next) = comparison.with_steps(thermal);
+    let terms = Terms { steps: kept(&stepped.steps), ..stepped.clone() };
+    let scattering = stepped.steps.len() - terms.steps.len();
+    let next = next.filter(|_| scattering == 0);
     let alone = if has_thermal { comparison.with_steps(&Terms::constant()).0 } else { terms.clone() };
     let mut hypotheses: Vec<ScalarHypothesis> = Vec::new();
     hypotheses.extend(comparison.hypothesis(Explanation::Nothing, &Terms::constant()));
@@ -183,5 +189,5 @@ pub(super) fn explain(rows: &[Observation], counts: &[bool], thermal: &Terms) ->
     // What the calibrations determine stays beside the step: a coefficient that is small is not zero.
     let terms = if comparison.score(&terms).is_some() { terms } else { terms.with_steps_in_place() };
     let undecided = next.filter(|next| next.gain > WORTH_TELLING && next.replaces).map(|next| next.step);
-    Explained { terms, hypotheses, undecided }
+    Explained { terms, hypotheses, undecided, scattering }
 }
