@@ -102,6 +102,8 @@ pub struct Times {
 const LEAST_UNIX_S: f64 = 1e8;
 /// Larger numbers are no Unix times in seconds (the year 5138).
 const MOST_UNIX_S: f64 = 1e11;
+/// The end of 2099: runs are older, and nanoseconds are counted up to the year 2262 only.
+const END_UNIX_S: f64 = 4_102_444_800.0;
 
 /// Why a cell is no time, and what to do.
 pub type Wrong = (String, String);
@@ -266,6 +268,10 @@ fn plausible(seconds: f64, value: f64, format: &TimeFormat) -> Result<(), Wrong>
             let rule = format!("{value} is no time in milliseconds since 1970");
             Err(wrong(rule, "set `format = \"unix\"` or \"seconds\" under [time]"))
         }
+        TimeFormat::Unix | TimeFormat::UnixMs if seconds >= END_UNIX_S => Err(wrong(
+            format!("{value} is a time after 2099"),
+            "repair the time, or say with `format` under [time] what the number is",
+        )),
         _ => Ok(()),
     }
 }
@@ -424,6 +430,21 @@ mod tests {
         assert_eq!(iso("2026-03-01T00:00:00,0625", "UTC").unwrap(), midnight + 62_500_000);
         for text in ["2026-03-01", "noon", "2026-13-01T00:00:00", ""] {
             assert!(iso(text, "UTC").is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn unix_times_beyond_what_is_counted_are_refused() {
+        // The end of 2099 is 47 482 days after 1970; 72 004 217 200 s is the year 4251.
+        let end = 47_482_i64 * 86_400;
+        for (value, format, is_time) in [
+            (end as f64 - 1.0, TimeFormat::Unix, true),
+            (end as f64, TimeFormat::Unix, false),
+            (72_004_217_200.0, TimeFormat::Unix, false),
+            (72_004_217_200e3, TimeFormat::UnixMs, false),
+        ] {
+            assert_eq!(of_number(value, &format).is_ok(), is_time, "{value}");
+            assert_eq!(one(&format!("{value}"), Some(&format), &Zone::from_name("UTC").unwrap()).is_ok(), is_time, "{value}");
         }
     }
 

@@ -57,7 +57,10 @@ pub fn close(
         }
         heat[near.end] += vector - last;
         if jump.time_std_s.is_infinite() {
-            of_edge[unseen(&time_tt2000[rows.clone()], jump.time_tt2000, options)].fill(true);
+            let is_there = |row: &usize| field_nt.iter().all(|component| component[*row].is_finite());
+            let there: Vec<usize> = rows.clone().filter(is_there).collect();
+            let times: Vec<i64> = there.iter().map(|&row| time_tt2000[row]).collect();
+            there[unseen(&times, jump.time_tt2000, options)].iter().for_each(|row| of_edge[row - rows.start] = true);
         }
     }
     let mut sum = Vector3::zeros();
@@ -75,15 +78,15 @@ pub fn close(
     Ok(())
 }
 
-/// The vectors behind a gap in which, or soon after which, an edge lies that no vector shows: its field may be on or off in them. An increment is
-/// looked at once those that it is predicted from are there.
+/// The vectors behind a gap, or behind the begin of the interval, in which, or soon after which, an edge lies that no vector shows: its field may be
+/// on or off in them. An increment is looked at once those that it is predicted from are there.
 fn unseen(time_tt2000: &[i64], jump_tt2000: i64, options: &HeaterOptions) -> Range<usize> {
     let cells_ns = |cells: usize| (cells as f64 * options.cell_s * 1e9) as i64;
     let (blind_ns, gap_ns) = (cells_ns(options.order + 1), cells_ns(FILLED_CELLS + 1));
     let place = |at: i64| time_tt2000.partition_point(|&time| time < at);
-    let next = place(jump_tt2000 + blind_ns).min(time_tt2000.len() - 1);
-    let behind_gap = (1..=next).rev().find(|&row| time_tt2000[row] - time_tt2000[row - 1] > gap_ns);
-    match behind_gap.map(|row| (row, time_tt2000[row])) {
+    let is_behind_gap = |row: &usize| *row == 0 || time_tt2000[*row] - time_tt2000[row - 1] > gap_ns;
+    let first = (0..time_tt2000.len()).take(place(jump_tt2000) + 1).rev().find(is_behind_gap);
+    match first.map(|row| (row, time_tt2000[row])) {
         Some((row, from)) if jump_tt2000 < from + blind_ns => row..place(from + blind_ns),
         _ => 0..0,
     }

@@ -11,7 +11,6 @@ use super::CoilError;
 use crate::data::note::{Note, NoteKind};
 use crate::data::run::{Run, interpolate};
 use crate::data::start::Start;
-use crate::data::units::counted;
 use crate::fit::statistics::{extremes, median};
 use crate::fit::{FitError, Limits, Model, NonlinearSolution, linear, nonlinear};
 use crate::model::campaign::Instructions;
@@ -25,7 +24,7 @@ use nalgebra::{DMatrix, Matrix3, SymmetricEigen, Vector3};
 use scatter::Scatter;
 use serde::{Deserialize, Serialize};
 use steps::{Explained, agreeing_with_their_own, explain};
-use terms::{CONSTANT, Modulus, Observation, Step, Terms};
+use terms::{CONSTANT, Modulus, Observation, Terms};
 
 /// How a scalar calibration is made.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -258,17 +257,11 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
         let counts = agreeing_with_their_own(&level, runs.len());
         let calibration = each(&level, runs, &counts, &climate);
         let beside = beside_the_fit(&calibration, &thermal, &first.solution, runs, &climate);
-        explain(&rows, &counts, &thermal, |steps| beyond_scatter(steps, &beside, thermal.count()))
+        explain(&rows, &counts, &thermal, |step, taken| scatter::is_beyond(step, taken, &beside, thermal.count()))
     } else {
-        Explained { terms: thermal, hypotheses: Vec::new(), undecided: None, scattering: 0 }
+        Explained { terms: thermal, hypotheses: Vec::new(), undecided: None, scatters: [false; scatter::FAMILIES.len()] }
     };
-    if explained.scattering > 0 {
-        let text = format!(
-            "{} of the calibrations would explain them no better than that each differs from the others by itself: none was taken",
-            counted(explained.scattering as u64, "step")
-        );
-        notes.push(Note::new(NoteKind::Fit, text));
-    }
+    notes.extend(scatter::instead_of_steps(explained.scatters));
     let terms = &explained.terms;
     let fitted = fit(&rows, terms, if *terms == Terms::constant() { MOST_CONDITION } else { MOST_THERMAL_CONDITION })?;
     let solution = &fitted.solution;
@@ -536,39 +529,13 @@ fn beside_the_fit(
         };
         let (value, std) = (nine(&own.facility), nine(&own.std));
         scatter::Found {
+            run,
             difference: std::array::from_fn(|j| value[j] - expected(j)),
             std,
             derivatives: std::array::from_fn(|j| terms.derivatives(j, run, &coil, coil_k, rack_k)),
         }
     };
     calibration.iter().map(one).collect()
-}
-
-/// The steps, in their order, that explain the calibrations better than a scatter from one to the next would: of each family, scale factors, offset
-/// fields and angles, as many of the first ones as are most probable, where each may be any of its places. `beside` are the calibrations beside a
-/// fit without steps, of so many parameters.
-fn beyond_scatter(steps: &[Step], beside: &[scatter::Found], parameters: usize) -> Vec<Step> {
-    let runs = beside.len() as f64;
-    let of_one = 0.5 * (3.0 * runs).ln() + (3.0 * (runs - 1.0)).ln();
-    let kept = |family: usize| {
-        let own: Vec<Step> = steps.iter().filter(|step| step.parameter / 3 == family).copied().collect();
-        let score = |count: &usize| {
-            let with = |(run, one): (usize, &scatter::Found)| scatter::Found {
-                difference: one.difference,
-                std: one.std,
-                derivatives: std::array::from_fn(|j| {
-                    let stepped = own[..*count].iter().map(|s| f64::from(u8::from(s.parameter == j && run >= s.from_run)));
-                    one.derivatives[j].iter().copied().chain(stepped).collect()
-                }),
-            };
-            let found: Vec<scatter::Found> = beside.iter().enumerate().map(with).collect();
-            scatter::likelihood(&found, family, parameters + count).map_or(f64::NEG_INFINITY, |l| l - *count as f64 * of_one)
-        };
-        let best = (0..=own.len()).max_by(|a, b| score(a).total_cmp(&score(b))).unwrap_or_default();
-        own[..best].to_vec()
-    };
-    let kept: Vec<Step> = (0..CONSTANT / 3).flat_map(kept).collect();
-    steps.iter().filter(|step| kept.contains(step)).copied().collect()
 }
 
 /// Jumps of all moduli inside a calibration.

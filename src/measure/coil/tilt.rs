@@ -16,7 +16,7 @@ use crate::model::facility::FacilityParameters;
 use crate::model::facility_calibration::{SensorValues, TiltFound, TiltOrientation};
 use crate::model::position::{Class, OrientedRun, Position};
 use crate::model::sensor::{compose, split};
-use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, SymmetricEigen, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -38,8 +38,9 @@ const UNLIKELY: f64 = 0.05;
 const LEAST_LEFT: usize = 3;
 /// Scatter of scale factors, offsets (nT) and angles (degrees) that is rounding.
 const ROUNDING: [f64; 3] = [1e-10, 1e-7, 1e-10];
-/// Rounds after which the second order and the rotation against the axes of the coils stand: every one takes an order of the parameters further.
-const ROUNDS: usize = 4;
+/// Most rounds for what is beyond the first order, and rounds for the rotation against the axes of the coils: every one takes an order of the
+/// parameters further, so that a mounting within a few degrees takes four.
+const ROUNDS: usize = 30;
 const ROTATIONS: usize = 3;
 /// Eigenvalues of the normal matrix below this are zero: its entries are small whole numbers.
 const NULL: f64 = 1e-9;
@@ -150,8 +151,10 @@ type Beyond = [[f64; 3]; 3];
 impl Oriented {
     fn of(position: Position, runs: &[&OrientedRun]) -> Self {
         let known: Vec<Matrix3<f64>> = runs.iter().filter_map(|run| run.rho).collect();
-        let mean = known.iter().sum::<Matrix3<f64>>() / known.len().max(1) as f64;
-        let rho = (!known.is_empty()).then(|| Rotation3::from_matrix(&mean).into_inner());
+        // The rotation nearest to the mean; axes that are exchanged or reversed are none.
+        let svd = known.iter().sum::<Matrix3<f64>>().svd(true, true);
+        let nearest = svd.u.zip(svd.v_t).map(|(u, v_t)| u * v_t);
+        let rho = nearest.filter(|rho| !known.is_empty() && rho.determinant() > 0.0);
         Self { position, rho, values: mean_values(runs) }
     }
 
@@ -211,10 +214,19 @@ fn solve_all(orientations: &[Oriented], stated: &FacilityParameters) -> Result<[
         Ok([family(0)?, family(1)?, family(2)?])
     };
     let mut solved = families(&vec![Beyond::default(); orientations.len()])?;
+    let mut before = vec![Beyond::default(); orientations.len()];
     for _ in 0..ROUNDS {
         let beyond: Option<Vec<Beyond>> = orientations.iter().map(|own| own.beyond_first_order(&solved, stated)).collect();
         let Some(beyond) = beyond else { break };
         solved = families(&beyond)?;
+        let stands = |family: usize| {
+            let change = |(a, b): (&Beyond, &Beyond)| (0..3).map(|i| (a[family][i] - b[family][i]).abs()).fold(0.0, f64::max);
+            beyond.iter().zip(&before).map(change).all(|change| change < ROUNDING[family])
+        };
+        if (0..ROUNDING.len()).all(stands) {
+            break;
+        }
+        before = beyond;
     }
     Ok(solved)
 }
@@ -521,6 +533,7 @@ fn covariance(solved: &[Solved; 3], scale: [f64; 3], before: Option<&Covariance>
 mod tests {
     use super::*;
     use crate::fit::random::Random;
+    use nalgebra::Rotation3;
 
     /// The four orientations of CHAMP, with noise and one disturbed orientation.
     fn four(random: &mut Random, disturbed: Option<usize>) -> Vec<Oriented> {

@@ -44,7 +44,7 @@ impl Axis {
     fn of(normal: DMatrix<f64>, right: &DVector<f64>, per_noise: &[f64]) -> Self {
         let scaled = |column: &DVector<f64>| DVector::from_fn(column.len(), |k, _| per_noise[k / 2] * column[k]);
         let Some(cholesky) = normal.clone().cholesky() else {
-            return Self { explained: 0.0, shown: right * 0.0, metric: DMatrix::identity(right.len(), right.len()) };
+            return Self { explained: 0.0, shown: right * 0.0, metric: normal * 0.0 };
         };
         let right = scaled(right);
         let solved = cholesky.solve(&right);
@@ -176,6 +176,10 @@ impl Joint {
         let values = self.axes.each_ref().map(|axis| {
             let top = shape.dot(&axis.shown);
             let bottom = shape.dot(&(&axis.metric * &shape));
+            if bottom <= 0.0 {
+                // Nothing is seen of such a signal.
+                return (0.0, f64::INFINITY);
+            }
             gain += top * top / bottom;
             (top / bottom, bottom.sqrt().recip())
         });

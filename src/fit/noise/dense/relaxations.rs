@@ -89,7 +89,7 @@ impl Relaxations {
         self.of_rows(&(0..self.order.len()).collect::<Vec<_>>())
     }
 
-    /// The elements of some rows, which may have any order: those between the first and the last of them in time are gone through.
+    /// The elements of some rows, each named once, in any order: those between the first and the last of them in time are gone through.
     pub fn of_rows(&self, rows: &[usize]) -> DMatrix<f64> {
         let mut of_row = vec![None; self.order.len()];
         rows.iter().enumerate().for_each(|(i, row)| of_row[*row] = Some(i));

@@ -5,14 +5,17 @@
 //! differences that are left when the fit has taken what it can. Scale factors have one size, relative to themselves, and so have offset fields
 //! and angles. Half of the probability is with none at all before anything was measured, the other half about the size of their noise.
 
-use super::terms::CONSTANT;
+use super::terms::{CONSTANT, Step};
 use crate::data::note::{Note, NoteKind};
 use crate::fit::NORMAL_95;
 use crate::fit::statistics::{median, two_sided_tail};
 use nalgebra::{DMatrix, DVector};
 
 /// One calibration beside the fit to all of them.
+#[derive(Clone)]
 pub(super) struct Found {
+    /// Its number among all calibrations.
+    pub run: usize,
     /// Values of its own minus those of the fit: scale factors, nT/EU, offset fields, nT, angles, degrees.
     pub difference: [f64; CONSTANT],
     /// Standard uncertainties of its own values.
@@ -25,9 +28,12 @@ pub(super) struct Found {
 const NONE: f64 = 0.5;
 /// Smallest and largest scatter that is weighed, in standard uncertainties of the single calibrations, and steps between them.
 const SIZES: (f64, f64, usize) = (0.1, 1e3, 30);
+/// Logarithm of the odds against a scatter that a step must have.
+const CONVINCING: f64 = 5.0;
 /// A scatter that is as probable as this is told.
 const TOLD: f64 = 0.95;
-const FAMILIES: [(&str, &str); 3] = [("scale factors", "nT/EU"), ("offset fields", "nT"), ("angles", "degrees")];
+/// What scatters alike, and its unit.
+pub(super) const FAMILIES: [(&str, &str); 3] = [("scale factors", "nT/EU"), ("offset fields", "nT"), ("angles", "degrees")];
 
 /// By how much the calibrations scatter.
 pub(super) struct Scatter {
@@ -108,11 +114,54 @@ fn sizes(values: &[Values]) -> Option<(f64, Vec<f64>)> {
 }
 
 /// The largest logarithmic likelihood of the differences of one family, with the scatter and the parameters that suit them best.
-pub(super) fn likelihood(found: &[Found], family: usize, parameters: usize) -> Option<f64> {
+fn likelihood(found: &[Found], family: usize, parameters: usize) -> Option<f64> {
     let values = of_family(found, family, parameters);
     let (_, sizes) = sizes(&values)?;
     let of_size = |size: &f64| values.iter().map(|v| Some(v.weighed(*size)?.of_all)).sum::<Option<f64>>();
     sizes.iter().filter_map(of_size).reduce(f64::max)
+}
+
+/// Whether a step explains the calibrations better than a scatter from one to the next would, beside the steps that were `taken`: alone, or together
+/// with steps of the other parameters of its family at the same place, as where one reference moves all scale factors. `beside` are the
+/// calibrations beside a fit without steps, of so many parameters. True where they do not tell.
+pub(super) fn is_beyond(step: Step, taken: &[Step], beside: &[Found], parameters: usize) -> bool {
+    let (family, runs) = (step.parameter / 3, beside.len() as f64);
+    let of_family = |steps: &[Step]| {
+        let own: Vec<Step> = steps.iter().filter(|step| step.parameter / 3 == family).copied().collect();
+        let with = |one: &Found| Found {
+            derivatives: std::array::from_fn(|j| {
+                let stepped = own.iter().map(|s| f64::from(u8::from(s.parameter == j && one.run >= s.from_run)));
+                one.derivatives[j].iter().copied().chain(stepped).collect()
+            }),
+            ..*one
+        };
+        likelihood(&beside.iter().map(with).collect::<Vec<_>>(), family, parameters + own.len())
+    };
+    let others: Vec<Step> = (3 * family..3 * family + 3)
+        .map(|parameter| Step { parameter, ..step })
+        .filter(|other| *other != step && !taken.contains(other))
+        .collect();
+    let Some(without) = of_family(taken).filter(|_| beside.len() > 1) else { return true };
+    let (of_one, of_place) = (0.5 * (3.0 * runs).ln(), (3.0 * (runs - 1.0)).ln() + CONVINCING);
+    // All choices of the others, by the bits of a number.
+    (0..1_usize << others.len()).any(|choice| {
+        let chosen = others.iter().enumerate().filter(|(bit, _)| choice >> bit & 1 == 1).map(|(_, other)| *other);
+        let steps: Vec<Step> = taken.iter().copied().chain([step]).chain(chosen).collect();
+        let count = (steps.len() - taken.len()) as f64;
+        of_family(&steps).is_none_or(|with| with - without > count * of_one + of_place)
+    })
+}
+
+/// Says of families that they scatter and do not step.
+pub(super) fn instead_of_steps(scatters: [bool; FAMILIES.len()]) -> Vec<Note> {
+    let note = |(_, (name, _)): (bool, &(&str, &str))| {
+        let text = format!(
+            "a step of the {name} between two calibrations would explain them no better than that every one differs from the others by itself, and \
+             was not taken"
+        );
+        Note::new(NoteKind::Fit, text)
+    };
+    scatters.into_iter().zip(&FAMILIES).filter(|(scatters, _)| *scatters).map(note).collect()
 }
 
 impl Scatter {
@@ -203,35 +252,39 @@ mod tests {
     use super::*;
     use crate::fit::random::Random;
 
-    /// Four and eight calibrations that tell scale factors and their temperature coefficients, with errors of their own of one and a scatter:
-    /// intervals of 95 % of the coefficients hold the truth whatever the scatter is.
+    const COIL_K: [f64; 8] = [-0.9, 0.4, -0.1, 0.7, -0.5, 0.2, 0.9, -0.3];
+
+    /// Calibrations that tell scale factors, offset fields and their temperature coefficients, with errors of their own of one and a scatter.
+    fn drawn(count: usize, scatter: f64, gauss: &mut Random) -> Vec<Found> {
+        let one = |(run, k): (usize, &f64)| Found {
+            run,
+            difference: std::array::from_fn(|_| gauss.gaussian() + scatter * gauss.gaussian()),
+            std: [1.0; CONSTANT],
+            derivatives: std::array::from_fn(|j| {
+                let follows = |c: usize| if c == j { 1.0 } else { f64::from(u8::from(c == CONSTANT + j)) * k };
+                (0..CONSTANT + 6).map(follows).collect()
+            }),
+        };
+        COIL_K[..count].iter().enumerate().map(one).collect()
+    }
+
+    /// Intervals of 95 % of the coefficients hold the truth whatever the scatter is.
     #[test]
     fn intervals_hold_with_and_without_scatter() {
         const DRAWS: usize = 400;
         for count in [4_usize, 8] {
-            let coil_k: Vec<f64> = (0..count).map(|i| [-0.9, 0.4, -0.1, 0.7, -0.5, 0.2, 0.9, -0.3][i]).collect();
+            let coil_k = &COIL_K[..count];
             for scatter in [0.0, 1.0, 30.0] {
                 let mut gauss = Random::seeded(7);
                 let (mut held, mut all) = (0, 0);
                 for _ in 0..DRAWS {
-                    let found: Vec<Found> = coil_k
-                        .iter()
-                        .map(|k| Found {
-                            difference: std::array::from_fn(|_| gauss.gaussian() + scatter * gauss.gaussian()),
-                            std: [1.0; CONSTANT],
-                            derivatives: std::array::from_fn(|j| {
-                                let follows = |c: usize| if c == j { 1.0 } else { f64::from(u8::from(c == CONSTANT + j)) * k };
-                                (0..CONSTANT + 6).map(follows).collect()
-                            }),
-                        })
-                        .collect();
+                    let found = drawn(count, scatter, &mut gauss);
                     let own = Scatter::of(&found, CONSTANT + 6);
                     // Ordinary least squares of a straight line, by its closed form.
                     let mean = coil_k.iter().sum::<f64>() / count as f64;
                     let spread: f64 = coil_k.iter().map(|k| (k - mean).powi(2)).sum();
                     for j in 0..6 {
-                        let slope =
-                            found.iter().zip(&coil_k).map(|(one, k)| one.difference[j] * (k - mean)).sum::<f64>() / spread;
+                        let slope = found.iter().zip(coil_k).map(|(one, k)| one.difference[j] * (k - mean)).sum::<f64>() / spread;
                         held += usize::from(slope.abs() < NORMAL_95 * own.factors[CONSTANT + j] / spread.sqrt());
                         all += 1;
                     }
@@ -240,6 +293,54 @@ mod tests {
                 println!("{count} calibrations, scatter {scatter}: {share:.3}");
                 assert!((0.90..=0.995).contains(&share), "{count} calibrations, scatter {scatter}: {share}");
             }
+        }
+    }
+
+    /// The step that takes most off the squares of the differences of a family, beside a line in the temperature.
+    fn most_likely(found: &[Found], family: usize) -> Step {
+        let places =
+            (3 * family..3 * family + 3).flat_map(|parameter| (1..found.len()).map(move |from_run| Step { parameter, from_run }));
+        let taken = |step: &Step| {
+            let y = DVector::from_iterator(found.len(), found.iter().map(|one| one.difference[step.parameter]));
+            let squares = |with_step: bool| {
+                let columns = DMatrix::from_fn(found.len(), 2 + usize::from(with_step), |run, column| match column {
+                    0 => 1.0,
+                    1 => COIL_K[run],
+                    _ => f64::from(u8::from(run >= step.from_run)),
+                });
+                let solved = columns.clone().svd(true, true).solve(&y, 1e-12).unwrap();
+                (&y - columns * solved).norm_squared()
+            };
+            squares(false) - squares(true)
+        };
+        places.max_by(|a, b| taken(a).total_cmp(&taken(b))).unwrap()
+    }
+
+    #[test]
+    fn a_scatter_is_no_step_and_a_step_is_one() {
+        const DRAWS: usize = 150;
+        let mut gauss = Random::seeded(9);
+        // Scatter, step, parameters that step, calibrations.
+        for (scatter, step, stepping, count) in [
+            (10.0, 0.0, 0..0, 6),
+            (1.0, 0.0, 0..0, 6),
+            (0.0, 30.0, 1..2, 6),
+            (1.0, 60.0, 1..2, 6),
+            (0.0, 30.0, 0..3, 4),
+            (0.0, 30.0, 0..2, 5),
+        ] {
+            let mut kept = [0; 2];
+            for _ in 0..DRAWS {
+                let mut found = drawn(count, scatter, &mut gauss);
+                found[count / 2..].iter_mut().for_each(|one| stepping.clone().for_each(|j| one.difference[j] += step));
+                for (family, kept) in kept.iter_mut().enumerate() {
+                    *kept += usize::from(is_beyond(most_likely(&found, family), &[], &found, CONSTANT + 6));
+                }
+            }
+            let [own, other] = kept.map(|kept| kept as f64 / DRAWS as f64);
+            println!("scatter {scatter}, step {step} of {stepping:?}, {count} calibrations: {own:.3}, {other:.3}");
+            assert!(other <= 0.05, "scatter {scatter}: {other}");
+            assert!(if step > 0.0 { own > 0.9 } else { own <= 0.05 }, "scatter {scatter}, step {step} of {stepping:?}: {own}");
         }
     }
 }

@@ -5,6 +5,7 @@
 //! residuals: half of a difference is about the logarithm of the odds. A step that nobody expected has to be worth more than what any of the
 //! many places where it could be would gain by chance.
 
+use super::scatter::FAMILIES;
 use super::terms::{CONSTANT, Modulus, Observation, Step, Terms};
 use super::{MOST_CONDITION, MOST_THERMAL_CONDITION, fit, start};
 use crate::fit::{Limits, NonlinearSolution, nonlinear};
@@ -26,8 +27,8 @@ pub(super) struct Explained {
     pub hypotheses: Vec<ScalarHypothesis>,
     /// A step that explains the calibrations better than the temperatures do, but not convincingly.
     pub undecided: Option<Step>,
-    /// Steps that were not taken, since a scatter of the calibrations explains them as well.
-    pub scattering: usize,
+    /// Families of which a step was not taken, since a scatter of the calibrations explains them as well.
+    pub scatters: [bool; FAMILIES.len()],
 }
 
 /// A fit to the rows that count, by its evidence.
@@ -78,8 +79,8 @@ impl Comparison<'_> {
         self.score(terms).or_else(|| self.score(&terms.with_steps_in_place()))
     }
 
-    /// The step that lowers the criterion most.
-    fn best_step(&self, terms: &Terms) -> Option<Candidate> {
+    /// The step that lowers the criterion most, of the families that do not scatter.
+    fn best_step(&self, terms: &Terms, scatters: [bool; FAMILIES.len()]) -> Option<Candidate> {
         let current = self.score_with_steps(terms)?;
         let own = if current.parameters == terms.count() { terms.clone() } else { terms.with_steps_in_place() };
         // All of them differ from the current model by one step or by two coefficients.
@@ -107,20 +108,31 @@ impl Comparison<'_> {
             };
             (1..self.runs).filter_map(candidate).collect::<Vec<_>>()
         };
-        let candidates: Vec<Vec<Candidate>> = (0..CONSTANT).into_par_iter().map(of_parameter).collect();
+        let candidates: Vec<Vec<Candidate>> =
+            (0..CONSTANT).into_par_iter().filter(|parameter| !scatters[parameter / 3]).map(of_parameter).collect();
         candidates.into_iter().flatten().reduce(|best, next| if next.gain > best.gain { next } else { best })
     }
 
-    /// The model with all steps that are convincing, and the first one that is not.
-    fn with_steps(&self, terms: &Terms) -> (Terms, Option<Candidate>) {
-        let mut terms = terms.clone();
+    /// The model with all steps that are convincing, the first one that is not, and which families only scatter.
+    fn with_steps(
+        &self,
+        terms: &Terms,
+        is_kept: impl Fn(Step, &[Step]) -> bool,
+    ) -> (Terms, Option<Candidate>, [bool; FAMILIES.len()]) {
+        let (mut terms, mut scatters) = (terms.clone(), [false; FAMILIES.len()]);
         while terms.steps.len() < MOST_STEPS {
-            match self.best_step(&terms) {
-                Some(candidate) if candidate.gain > CONVINCING => terms.steps.push(candidate.step),
-                other => return (terms, other),
+            match self.best_step(&terms, scatters) {
+                Some(Candidate { step, gain, .. }) if gain > CONVINCING => {
+                    if is_kept(step, &terms.steps) {
+                        terms.steps.push(step);
+                    } else {
+                        scatters[step.parameter / 3] = true;
+                    }
+                }
+                other => return (terms, other, scatters),
             }
         }
-        (terms, None)
+        (terms, None, scatters)
     }
 
     fn hypothesis(&self, explanation: Explanation, terms: &Terms) -> Option<ScalarHypothesis> {
@@ -151,9 +163,14 @@ pub(super) fn agreeing_with_their_own(rows: &[Observation], runs: usize) -> Vec<
     counts
 }
 
-/// Looks for steps beside and in place of what the temperatures explain; `counts` says which rows agree with their own calibration, and `kept` which
-/// of the steps stay where calibrations may scatter.
-pub(super) fn explain(rows: &[Observation], counts: &[bool], thermal: &Terms, kept: impl Fn(&[Step]) -> Vec<Step>) -> Explained {
+/// Looks for steps beside and in place of what the temperatures explain; `counts` says which rows agree with their own calibration, and `is_kept` of
+/// a step and those before it whether it stays where calibrations may scatter.
+pub(super) fn explain(
+    rows: &[Observation],
+    counts: &[bool],
+    thermal: &Terms,
+    is_kept: impl Fn(Step, &[Step]) -> bool,
+) -> Explained {
     let comparison = Comparison {
         rows,
         moduli: rows.iter().map(|r| r.scalar.modulus_nt).collect(),
@@ -161,11 +178,8 @@ pub(super) fn explain(rows: &[Observation], counts: &[bool], thermal: &Terms, ke
         runs: rows.iter().map(|r| r.run + 1).max().unwrap_or_default(),
     };
     let has_thermal = thermal.coil || thermal.rack;
-    let (stepped, next) = comparison.with_steps(thermal);
-    let terms = Terms { steps: kept(&stepped.steps), ..stepped.clone() };
-    let scattering = stepped.steps.len() - terms.steps.len();
-    let next = next.filter(|_| scattering == 0);
-    let alone = if has_thermal { comparison.with_steps(&Terms::constant()).0 } else { terms.clone() };
+    let (terms, next, scatters) = comparison.with_steps(thermal, is_kept);
+    let alone = if has_thermal { comparison.with_steps(&Terms::constant(), |_, _| true).0 } else { terms.clone() };
     let mut hypotheses: Vec<ScalarHypothesis> = Vec::new();
     hypotheses.extend(comparison.hypothesis(Explanation::Nothing, &Terms::constant()));
     if has_thermal {
@@ -189,5 +203,5 @@ pub(super) fn explain(rows: &[Observation], counts: &[bool], thermal: &Terms, ke
     // What the calibrations determine stays beside the step: a coefficient that is small is not zero.
     let terms = if comparison.score(&terms).is_some() { terms } else { terms.with_steps_in_place() };
     let undecided = next.filter(|next| next.gain > WORTH_TELLING && next.replaces).map(|next| next.step);
-    Explained { terms, hypotheses, undecided, scattering }
+    Explained { terms, hypotheses, undecided, scatters }
 }
