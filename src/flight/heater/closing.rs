@@ -5,7 +5,7 @@ use std::ops::Range;
 use nalgebra::Vector3;
 
 use super::cells::{FILLED_CELLS, Profile};
-use super::{HEATER, HeaterClass, HeaterClosing, HeaterError, HeaterInterval, HeaterOptions, Jump};
+use super::{HEATER, HeaterClass, HeaterClosing, HeaterError, HeaterInterval, HeaterMethod, HeaterOptions, Jump};
 
 /// Subtracts the class vectors within an interval and closes the samples of the edges; vectors that are null stay null, and
 /// nothing outside the interval is touched. The columns hold all of the interval, or a part of it with the edges that reach into
@@ -56,7 +56,7 @@ pub fn close(
             }
         }
         heat[near.end] += vector - last;
-        if jump.time_std_s.is_infinite() {
+        if options.method == HeaterMethod::Found {
             let is_there = |row: &usize| field_nt.iter().all(|component| component[*row].is_finite());
             let there: Vec<usize> = rows.clone().filter(is_there).collect();
             let times: Vec<i64> = there.iter().map(|&row| time_tt2000[row]).collect();
@@ -78,8 +78,8 @@ pub fn close(
     Ok(())
 }
 
-/// The vectors behind a gap, or behind the begin of the interval, in which, or soon after which, an edge lies that no vector shows: its field may be
-/// on or off in them. An increment is looked at once those that it is predicted from are there.
+/// The vectors behind a gap, or behind the begin of the interval, in which, or soon after which, an edge was found: where it lies they do not show, or
+/// badly, and its field may be on or off in them. An increment is looked at once those that it is predicted from are there.
 fn unseen(time_tt2000: &[i64], jump_tt2000: i64, options: &HeaterOptions) -> Range<usize> {
     let cells_ns = |cells: usize| (cells as f64 * options.cell_s * 1e9) as i64;
     let (blind_ns, gap_ns) = (cells_ns(options.order + 1), cells_ns(FILLED_CELLS + 1));
@@ -135,7 +135,6 @@ const LONGEST_BRIDGE: usize = 64;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::flight::heater::HeaterMethod;
 
     const SECOND: i64 = 1_000_000_000;
 
@@ -237,17 +236,23 @@ mod tests {
         let is_left = |row: &usize| !(15 * SECOND..30 * SECOND).contains(&time[*row]);
         let rows: Vec<usize> = (0..time.len()).filter(is_left).collect();
         let time: Vec<i64> = rows.iter().map(|&row| time[row]).collect();
-        let options = HeaterOptions::new(vec!["h".into()], HeaterMethod::Found);
         let interval = HeaterInterval { from_tt2000: 0, to_tt2000: 60 * SECOND };
-        for (std_s, at_s, flagged) in [(f64::INFINITY, 20, 30..35), (f64::INFINITY, 32, 30..35), (0.05, 32, 0..0)] {
-            (jumps[0].time_std_s, jumps[0].time_tt2000) = (std_s, at_s * SECOND);
+        for (method, at_s, flagged) in [
+            (HeaterMethod::Found, 20, 30..35),
+            (HeaterMethod::Found, 32, 30..35),
+            (HeaterMethod::Found, 36, 0..0),
+            // A table knows when.
+            (HeaterMethod::Table(Vec::new()), 32, 0..0),
+        ] {
+            let options = HeaterOptions::new(vec!["h".into()], method);
+            jumps[0].time_tt2000 = at_s * SECOND;
             let mut field = field.clone().map(|component| rows.iter().map(|&row| component[row]).collect::<Vec<_>>());
             let mut flags = vec![0; time.len()];
             close(&time, &mut field, &mut flags, interval, &jumps, &classes, &options).expect("columns of equal length");
             for (flag, time) in flags.iter().zip(&time) {
                 let is_edge = [at_s, 40].iter().any(|edge| (time - edge * SECOND).abs() <= SECOND);
                 let is_flagged = flagged.contains(&(time / SECOND));
-                assert!(is_edge || is_flagged == (flag & HEATER != 0), "{std_s} {at_s} {time}");
+                assert!(is_edge || is_flagged == (flag & HEATER != 0), "{:?} {at_s} {time}", options.method);
             }
         }
     }
