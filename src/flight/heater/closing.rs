@@ -38,6 +38,10 @@ pub fn close(
     };
     let mut heat = vec![Vector3::<f64>::zeros(); rows.len() + 1];
     let (mut of_edge, mut drawn) = (vec![false; rows.len()], vec![false; rows.len()]);
+    // A table knows when heaters switch, whatever the vectors show.
+    let is_there = |row: &usize| options.method == HeaterMethod::Found && field_nt.iter().all(|own| own[*row].is_finite());
+    let there: Vec<usize> = rows.clone().filter(is_there).collect();
+    let times: Vec<i64> = there.iter().map(|&row| time_tt2000[row]).collect();
     for jump in jumps {
         let vector = vectors[jump.class] * if jump.on { 1.0 } else { -1.0 };
         let longest_ns = (0.5 * (edge_s + options.cell_s) * 1e9) as i64;
@@ -56,12 +60,7 @@ pub fn close(
             }
         }
         heat[near.end] += vector - last;
-        if options.method == HeaterMethod::Found {
-            let is_there = |row: &usize| field_nt.iter().all(|component| component[*row].is_finite());
-            let there: Vec<usize> = rows.clone().filter(is_there).collect();
-            let times: Vec<i64> = there.iter().map(|&row| time_tt2000[row]).collect();
-            there[unseen(&times, jump.time_tt2000, options)].iter().for_each(|row| of_edge[row - rows.start] = true);
-        }
+        there[unseen(&times, jump.time_tt2000, options)].iter().for_each(|row| of_edge[row - rows.start] = true);
     }
     let mut sum = Vector3::zeros();
     for (offset, row) in rows.clone().enumerate() {
@@ -85,11 +84,9 @@ fn unseen(time_tt2000: &[i64], jump_tt2000: i64, options: &HeaterOptions) -> Ran
     let (blind_ns, gap_ns) = (cells_ns(options.order + 1), cells_ns(FILLED_CELLS + 1));
     let place = |at: i64| time_tt2000.partition_point(|&time| time < at);
     let is_behind_gap = |row: &usize| *row == 0 || time_tt2000[*row] - time_tt2000[row - 1] > gap_ns;
-    let first = (0..time_tt2000.len()).take(place(jump_tt2000) + 1).rev().find(is_behind_gap);
-    match first.map(|row| (row, time_tt2000[row])) {
-        Some((row, from)) if jump_tt2000 < from + blind_ns => row..place(from + blind_ns),
-        _ => 0..0,
-    }
+    let before = (0..time_tt2000.len()).take(place(jump_tt2000) + 1).rev();
+    let mut near = before.take_while(|&row| jump_tt2000 < time_tt2000[row] + blind_ns);
+    near.find(is_behind_gap).map_or(0..0, |row| row..place(time_tt2000[row] + blind_ns))
 }
 
 /// Share of an edge below which, and below which from the end, a sample does not count as one of the edge.
