@@ -361,7 +361,8 @@ impl Accumulator {
         // Only data without scatter need it, and sorting the readings of a run for every plateau would take longer than reading it.
         let found = OnceCell::new();
         let resolution = || *found.get_or_init(|| self.resolution());
-        let edges = self.find_edges(&resolution);
+        let levels = self.levels(edges::REFERENCE, &resolution);
+        let edges = self.find_edges(&levels, &resolution);
         let settling_s = match settling {
             Settling::Given(given_s) => given_s,
             Settling::Found => edges.settling_s,
@@ -369,7 +370,6 @@ impl Accumulator {
         let mut list = Vec::with_capacity(self.settings.len());
         let mut extremes = Vec::with_capacity(self.settings.len());
         let mut all_used = Vec::with_capacity(self.settings.len());
-        let levels = self.levels(edges::REFERENCE, &resolution);
         for (index, setting) in self.settings.iter().enumerate() {
             let bin_s = (setting.t_end_s - setting.t_start_s) / BINS as f64;
             #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturates at 0 and at BINS")]

@@ -31,6 +31,13 @@ fn followed(responses: impl Iterator<Item = Response>, least: f64) -> Option<usi
     follows.windows(2).position(|pair| !pair[0] && !pair[1])
 }
 
+/// Mean reading over bins, if they hold any sample.
+fn mean<'a>(bins: impl IntoIterator<Item = &'a Bin>, reference: [f64; 3]) -> Option<[f64; 3]> {
+    let mut total = Bin::EMPTY;
+    bins.into_iter().for_each(|bin| total.merge(bin));
+    (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
+}
+
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Edges {
     pub(super) settling_s: f64,
@@ -42,13 +49,13 @@ pub(super) struct Edges {
 impl Accumulator {
     /// Finds how many bins follow the step before a setting, and how many already follow the step after it: the deviation of every
     /// bin from the setting's middle is regressed on the step, over all settings and components at once.
-    pub(super) fn find_edges(&self, resolution: &impl Fn() -> [f64; 3]) -> Edges {
+    /// `middle` are the levels over [`REFERENCE`].
+    pub(super) fn find_edges(&self, middle: &[Option<[f64; 3]>], resolution: &impl Fn() -> [f64; 3]) -> Edges {
         // All settings share one clock after a step, whatever their length.
         let slot_s = self.median_duration_s() / BINS as f64;
-        let middle = self.levels(REFERENCE, resolution);
         // Data that step too early show at least one whole sample of the next setting.
         let one_sample = 1.0 / (slot_s * self.sample_rate_hz).max(1.0);
-        let early = (0..BINS - REFERENCE.end).map(|slot| self.response(&middle, slot, slot_s, false));
+        let early = (0..BINS - REFERENCE.end).map(|slot| self.response(middle, slot, slot_s, false));
         let early_slots = followed(early, 0.5 * one_sample);
         // The level that a decay goes to is best seen at the end.
         let end = BINS - early_slots.map_or(BINS - REFERENCE.end, |slots| if slots == 0 { 0 } else { slots + 1 });
@@ -94,19 +101,15 @@ impl Accumulator {
     /// Mean reading of a setting over some of its bins.
     fn level(&self, setting: usize, bins: Range<usize>) -> Option<[f64; 3]> {
         let (all, reference) = (self.bins.get(setting)?, (*self.references.get(setting)?)?);
-        let mut total = Bin::EMPTY;
-        all.get(bins)?.iter().for_each(|b| total.merge(b));
-        (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
+        mean(all.get(bins)?, reference)
     }
 
     /// The same of every setting, without bins that hold a spike: a single one would be seen in what every other bin has beside this level.
     pub(super) fn levels(&self, bins: Range<usize>, resolution: &impl Fn() -> [f64; 3]) -> Vec<Option<[f64; 3]>> {
         let level = |(all, reference): (&[Bin; BINS], &Option<[f64; 3]>)| {
             let (own, reference) = (all.get(bins.clone())?, (*reference)?);
-            let mut total = Bin::EMPTY;
             let spiky = spiky_bins(own, reference, resolution);
-            own.iter().zip(spiky).filter(|(_, is_spiky)| !is_spiky).for_each(|(bin, _)| total.merge(bin));
-            (total.count > 0).then(|| std::array::from_fn(|axis| reference[axis] + total.mean(axis)))
+            mean(own.iter().zip(spiky).filter(|(_, is_spiky)| !is_spiky).map(|(bin, _)| bin), reference)
         };
         self.bins.iter().zip(&self.references).map(level).collect()
     }

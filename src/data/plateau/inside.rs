@@ -46,9 +46,9 @@ pub(super) fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: &impl Fn
     let middle = counts.len() / 2;
     let (_, of_typical, _) = counts.select_nth_unstable(middle);
     let times = OUTSTANDING_OF[(*of_typical as usize).clamp(1, OUTSTANDING_OF.len()) - 1];
+    let there = || bins.iter().filter(|b| b.count > 0);
     for axis in 0..3 {
         // No sample is farther from the level than the samples are apart, and in no bin is the farthest one nearer than half of what its own are.
-        let there = || bins.iter().filter(|b| b.count > 0);
         let [low, high] = [
             there().map(|b| b.min[axis]).fold(f64::INFINITY, f64::min),
             there().map(|b| b.max[axis]).fold(f64::NEG_INFINITY, f64::max),
@@ -57,10 +57,9 @@ pub(super) fn spiky_bins(bins: &[Bin], reference: [f64; 3], resolution: &impl Fn
         if nearest > 0.0 && high - low <= times * nearest {
             continue;
         }
-        let level =
-            reference[axis] + median(&mut bins.iter().filter(|b| b.count > 0).map(|b| b.mean(axis)).collect::<Vec<f64>>());
+        let level = reference[axis] + median(&mut there().map(|b| b.mean(axis)).collect::<Vec<f64>>());
         let reach = |b: &Bin| (b.max[axis] - level).max(level - b.min[axis]);
-        let mut typical = median(&mut bins.iter().filter(|b| b.count > 0).map(reach).collect::<Vec<f64>>());
+        let mut typical = median(&mut there().map(reach).collect::<Vec<f64>>());
         // Rounding leaves a little of what is nothing.
         if typical <= 1e-9 * level.abs().max(1.0) && bins.iter().any(|b| b.count > 0 && reach(b) > 1e-6 * level.abs().max(1.0)) {
             typical = resolution()[axis];

@@ -42,11 +42,10 @@ struct Axis {
 
 impl Axis {
     fn of(normal: DMatrix<f64>, right: &DVector<f64>, per_noise: &[f64]) -> Self {
-        let scaled = |column: &DVector<f64>| DVector::from_fn(column.len(), |k, _| per_noise[k / 2] * column[k]);
         let Some(cholesky) = normal.clone().cholesky() else {
             return Self { explained: 0.0, shown: right * 0.0, metric: normal * 0.0 };
         };
-        let right = scaled(right);
+        let right = DVector::from_fn(right.len(), |k, _| per_noise[k / 2] * right[k]);
         let solved = cholesky.solve(&right);
         let mut by_shape = normal;
         by_shape.row_iter_mut().enumerate().for_each(|(k, mut row)| row *= per_noise[k / 2]);

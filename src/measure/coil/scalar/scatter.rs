@@ -5,6 +5,7 @@
 //! differences that are left when the fit has taken what it can. Scale factors have one size, relative to themselves, and so have offset fields
 //! and angles. Half of the probability is with none at all before anything was measured, the other half about the size of their noise.
 
+use super::steps::CONVINCING;
 use super::terms::{CONSTANT, Step};
 use crate::data::note::{Note, NoteKind};
 use crate::fit::NORMAL_95;
@@ -28,8 +29,6 @@ pub(super) struct Found {
 const NONE: f64 = 0.5;
 /// Smallest and largest scatter that is weighed, in standard uncertainties of the single calibrations, and steps between them.
 const SIZES: (f64, f64, usize) = (0.1, 1e3, 30);
-/// Logarithm of the odds against a scatter that a step must have.
-const CONVINCING: f64 = 5.0;
 /// A scatter that is as probable as this is told.
 const TOLD: f64 = 0.95;
 /// What scatters alike, and its unit.
@@ -142,7 +141,7 @@ pub(super) fn is_beyond(step: Step, taken: &[Step], beside: &[Found], parameters
         .filter(|other| *other != step && !taken.contains(other))
         .collect();
     let Some(without) = of_family(taken).filter(|_| beside.len() > 1) else { return true };
-    let (of_one, of_place) = (0.5 * (3.0 * runs).ln(), (3.0 * (runs - 1.0)).ln() + CONVINCING);
+    let (of_one, of_place) = (0.5 * (3.0 * runs).ln(), (3.0 * (runs - 1.0)).ln() + 0.5 * CONVINCING);
     // All choices of the others, by the bits of a number.
     (0..1_usize << others.len()).any(|choice| {
         let chosen = others.iter().enumerate().filter(|(bit, _)| choice >> bit & 1 == 1).map(|(_, other)| *other);

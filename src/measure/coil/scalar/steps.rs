@@ -13,7 +13,7 @@ use crate::model::facility_calibration::{Explanation, ScalarHypothesis};
 use rayon::prelude::*;
 
 /// A step has to lower the criterion by this much: odds of e^5 to 1, and by chance at most once in 200 sets of four calibrations.
-const CONVINCING: f64 = 10.0;
+pub(super) const CONVINCING: f64 = 10.0;
 /// A step that lowers it by this much is told: by chance in one of fifty sets of four calibrations.
 const WORTH_TELLING: f64 = 5.0;
 /// Most steps that are looked for.
