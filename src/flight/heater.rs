@@ -219,7 +219,7 @@ pub fn find(cells: &Cells, classes: &[HeaterClass], options: &HeaterOptions) -> 
         HeaterMethod::Found => screen::without_strange(cells.increments(), &vectors),
         HeaterMethod::Table(_) => cells.increments(),
     };
-    let course = if let HeaterMethod::Table(table) = &options.method {
+    let mut course = if let HeaterMethod::Table(table) = &options.method {
         courses::given(&increments, &courses::of_table(table, cells, options), &vectors, options)
     } else {
         let dwells: Vec<Dwell> = classes.iter().map(|class| dwell(class, options)).collect();
@@ -240,6 +240,7 @@ pub fn find(cells: &Cells, classes: &[HeaterClass], options: &HeaterOptions) -> 
         found
     };
     let evidence = Evidence { increments: &increments, background: &course.background, profile };
+    evidence.spread(&mut course.edges, &vectors);
     let innovations = course.background.innovations(&evidence.without(&course.edges, &vectors));
     let jumps = course.edges.iter().map(|edge| {
         let height = evidence.height(*edge, vectors[edge.heater], &innovations);

@@ -15,6 +15,7 @@ mod referred;
 mod refusal;
 mod response;
 mod result;
+mod rounding;
 mod samples;
 mod table;
 mod tones;

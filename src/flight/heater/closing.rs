@@ -44,7 +44,9 @@ pub fn close(
     let times: Vec<i64> = there.iter().map(|&row| time_tt2000[row]).collect();
     for jump in jumps {
         let vector = vectors[jump.class] * if jump.on { 1.0 } else { -1.0 };
-        let longest_ns = (0.5 * (edge_s + options.cell_s) * 1e9) as i64;
+        // Where it may lie: an edge that the vectors do not tell the place of is within its cells.
+        let astray_s = (WITHIN_STDS * jump.time_std_s).min(options.cell_s);
+        let longest_ns = ((0.5 * (edge_s + options.cell_s) + astray_s) * 1e9) as i64;
         let near = HeaterInterval { from_tt2000: jump.time_tt2000 - longest_ns, to_tt2000: jump.time_tt2000 + longest_ns }
             .rows(&time_tt2000[rows.clone()]);
         let mut last = Vector3::zeros();
@@ -54,7 +56,8 @@ pub fn close(
             let share = profile.share(distance_s);
             heat[row] += vector * share - last;
             last = vector * share;
-            if (LEAST_SHARE..=1.0 - LEAST_SHARE).contains(&share) {
+            let [earliest, latest] = [-astray_s, astray_s].map(|by| profile.share(distance_s - by));
+            if earliest >= LEAST_SHARE && latest <= 1.0 - LEAST_SHARE {
                 of_edge[row] = true;
                 drawn[row] |= options.closing == HeaterClosing::Line || jump.time_std_s >= WELL_KNOWN_S;
             }
@@ -91,6 +94,8 @@ fn unseen(time_tt2000: &[i64], jump_tt2000: i64, options: &HeaterOptions) -> Ran
 
 /// Share of an edge below which, and below which from the end, a sample does not count as one of the edge.
 const LEAST_SHARE: f64 = 0.01;
+/// Standard deviations by which an edge may lie elsewhere.
+const WITHIN_STDS: f64 = 2.0;
 /// Standard deviation of the time of an edge up to which its shape is better than a line, s.
 const WELL_KNOWN_S: f64 = 0.3;
 

@@ -106,6 +106,46 @@ impl Evidence<'_> {
         }
     }
 
+    /// Gives every edge the standard deviation of its place with those of the edges near it free: [`Self::refine`] states what it is with the others
+    /// where they are, and of two heaters that switch together each may make up for what the other lacks.
+    pub fn spread(&self, edges: &mut [Edge], vectors_nt: &[Vector3<f64>]) {
+        let innovations = self.background.innovations(self.increments);
+        let slope = |edge: &Edge| self.slope(*edge, vectors_nt[edge.heater] * edge.sign(), &innovations);
+        let own: Vec<(usize, Vec<Vector3<f64>>)> = edges.iter().map(slope).collect();
+        let product = |i: usize, j: usize| {
+            let ((first, of_i), (other, of_j)) = (&own[i], &own[j]);
+            let common = *first.max(other)..(first + of_i.len()).min(other + of_j.len());
+            common.map(|at| of_i[at - first].dot(&(self.background.at(at).precision * of_j[at - other]))).sum::<f64>()
+        };
+        let spread: Vec<f64> = (0..edges.len())
+            .map(|index| {
+                let alone = edges[index].std_cells;
+                let near: Vec<usize> = (0..edges.len()).filter(|&other| product(index, other) != 0.0).collect();
+                let (true, Some(place)) = (alone.is_finite(), near.iter().position(|&other| other == index)) else {
+                    return alone;
+                };
+                let precision = DMatrix::from_fn(near.len(), near.len(), |i, j| {
+                    let shared = product(near[i], near[j]);
+                    if i == j { shared.max(edges[near[i]].std_cells.powi(-2)) } else { shared }
+                });
+                precision.cholesky().map_or(f64::INFINITY, |cholesky| alone.max(cholesky.inverse()[(place, place)].sqrt()))
+            })
+            .collect();
+        edges.iter_mut().zip(spread).for_each(|(edge, std)| edge.std_cells = std);
+    }
+
+    /// What the innovations change by when an edge with a vector moves by a cell: (first cell, changes); zero where they are not known.
+    fn slope(&self, edge: Edge, vector_nt: Vector3<f64>, innovations: &[Vector3<f64>]) -> (usize, Vec<Vector3<f64>>) {
+        let [before, after] = [-STEP_CELLS, STEP_CELLS].map(|step| self.reach(edge.cell + step, innovations));
+        let cells = || before.iter().chain(&after).map(|(at, _)| *at);
+        let (Some(first), Some(last)) = (cells().min(), cells().max()) else { return (0, Vec::new()) };
+        let mut slope = vec![Vector3::zeros(); last + 1 - first];
+        for (sign, reach) in [(-1.0, before), (1.0, after)] {
+            reach.iter().for_each(|(at, matrix)| slope[at - first] += matrix * vector_nt * (sign / (2.0 * STEP_CELLS)));
+        }
+        (first, slope)
+    }
+
     /// The vector of one edge alone and its covariance; `innovations` are those without any edge of the class vectors.
     pub fn height(
         &self,
@@ -132,6 +172,8 @@ impl Evidence<'_> {
 
 /// Sweeps over the edges of an interval.
 const REFINEMENTS: usize = 2;
+/// Half of the distance over which derivatives by the place of an edge are taken, in cells.
+const STEP_CELLS: f64 = 0.1;
 /// Scatter of a time beyond which it is not averaged over.
 const WIDEST_CELLS: f64 = 0.5;
 /// Places, in standard deviations, and weights that give the expectation of polynomials up to the fifth order over a normal
@@ -150,8 +192,7 @@ fn minimum(cost: impl Fn(f64) -> f64, start: f64, [low, high]: [f64; 2]) -> (f64
             _ => step *= 0.5,
         }
     }
-    let width = 0.1;
-    (best, (cost(best - width) + cost(best + width) - 2.0 * least) / (width * width))
+    (best, (cost(best - STEP_CELLS) + cost(best + STEP_CELLS) - 2.0 * least) / (STEP_CELLS * STEP_CELLS))
 }
 
 /// Sums of generalised least squares for the class vectors of all heaters from the innovations of many intervals.
@@ -251,21 +292,60 @@ mod tests {
     /// Increments of a random walk of 0.05 nT per cell with two heaters that switch every 15 and 17 cells.
     fn record(seed: u64, vectors: &[Vector3<f64>; 2]) -> (Vec<Vector3<f64>>, Vec<Edge>) {
         let mut random = Random::seeded(seed);
-        let mut increments: Vec<_> = (0..2000).map(|_| Vector3::from_fn(|_, _| 0.05 * random.gaussian())).collect();
         let mut edges = Vec::new();
         for (heater, half) in [(0, 15.0), (1, 17.0)] {
             for k in 2..100 {
                 edges.push(Edge { heater, cell: half * k as f64 + 3.0 * random.uniform(), on: k % 2 == 0, std_cells: 0.0 });
             }
         }
-        for edge in &edges {
+        (with_edges(&edges, vectors, &mut random), edges)
+    }
+
+    /// 2000 increments of such a random walk with these edges.
+    fn with_edges(edges: &[Edge], vectors: &[Vector3<f64>; 2], random: &mut Random) -> Vec<Vector3<f64>> {
+        let mut increments: Vec<_> = (0..2000).map(|_| Vector3::from_fn(|_, _| 0.05 * random.gaussian())).collect();
+        for edge in edges {
             let (first, shares) = shares(PROFILE, edge.cell);
             assert!((shares.iter().sum::<f64>() - 1.0).abs() < 1e-12);
             for (offset, share) in shares.iter().enumerate() {
                 increments[first as usize + offset] += vectors[edge.heater] * edge.sign() * *share;
             }
         }
-        (increments, edges)
+        increments
+    }
+
+    #[test]
+    fn of_two_heaters_that_switch_together_either_time_is_uncertain_by_the_other() {
+        let vectors = [Vector3::new(0.5, -0.2, 0.3), Vector3::new(0.55, -0.2, 0.3)];
+        for (apart, on, together) in
+            [(0.1, true, true), (0.1, false, true), (0.8, true, false), (0.8, false, false), (40.0, true, false)]
+        {
+            let mut edges =
+                [(0, 100.3, true), (1, 100.3 + apart, on)].map(|(heater, cell, on)| Edge { heater, cell, on, std_cells: 0.0 });
+            let increments = with_edges(&edges, &vectors, &mut Random::seeded(3));
+            let background = Background::of(&with_edges(&[], &vectors, &mut Random::seeded(3)), 0);
+            let evidence = Evidence { increments: &increments, background: &background, profile: PROFILE };
+            // What both places are known to from the expected sum of squares alone: the inverse of its second derivatives.
+            let before = evidence.without(&edges, &vectors);
+            let squares = |by: [f64; 2]| {
+                let mut moved = edges;
+                moved.iter_mut().zip(by).for_each(|(edge, by)| edge.cell += by);
+                let change: Vec<_> = evidence.without(&moved, &vectors).iter().zip(&before).map(|(a, b)| a - b).collect();
+                change.iter().enumerate().map(|(at, change)| change.dot(&(background.at(at).precision * change))).sum::<f64>()
+            };
+            let h = 0.1;
+            let [own, other] = [[h, 0.0], [0.0, h]].map(|by| 0.5 * (squares(by) + squares(by.map(|by| -by))) / (h * h));
+            let both = (squares([h, h]) + squares([-h, -h]) - squares([h, -h]) - squares([-h, h])) / (8.0 * h * h);
+            let factor = (1.0 - both * both / (own * other)).sqrt().recip();
+            [edges[0].std_cells, edges[1].std_cells] = [own, other].map(|precision: f64| precision.sqrt().recip());
+            let mut free = edges;
+            evidence.spread(&mut free, &vectors);
+            for (alone, free) in edges.iter().zip(&free) {
+                let found = free.std_cells / alone.std_cells;
+                assert!((found / factor - 1.0).abs() < 1e-6, "{apart} {on}: {found} {factor}");
+            }
+            assert_eq!(factor > 2.0, together, "{apart} {factor}");
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Amplitude and phase of every setting, with uncertainties from the noise near its frequency.
 
 use super::clock::Clock;
+use super::rounding::{self, Met};
 use super::samples::Record;
 use super::tones::Tone;
 use crate::data::frequency::SineAmplitude;
@@ -22,7 +23,10 @@ pub(super) fn amplitudes(tones: &[Tone], records: &[&Record], clock: &Clock) -> 
     let noise = noise(tones, records, &fits, clock);
     let of = |j: usize| fits[j].as_ref().ok().and_then(Option::as_ref).map(|f| jumps(&tones[j], records[j], f, noise[j]));
     let jumps: Vec<Vec<Note>> = (0..tones.len()).into_par_iter().filter_map(of).collect();
-    let measured = (0..tones.len()).map(|j| amplitude(&tones[j], records[j], &fits[j], noise[j])).collect();
+    let rounding: Vec<Vec<f64>> = (0..3).into_par_iter().map(|i| rounding_std(i, tones, records, &fits)).collect();
+    let measured = (0..tones.len())
+        .map(|j| amplitude(&tones[j], records[j], &fits[j], noise[j], [0, 1, 2].map(|i| rounding[i][j])))
+        .collect();
     (measured, jumps.concat())
 }
 
@@ -72,12 +76,35 @@ fn noise(
     noise
 }
 
+/// What the rounding of the readings leaves of the amplitudes of a component, one standard deviation per setting; zero where they show no step.
+fn rounding_std(component: usize, tones: &[Tone], records: &[&Record], fits: &[Result<Option<Fits>, SineRefusal>]) -> Vec<f64> {
+    let used = |j: usize| &records[j].y[component][tones[j].used.clone()];
+    let mut std = vec![0.0; tones.len()];
+    let Some(step) = rounding::resolution((0..tones.len()).map(used)) else { return std };
+    let present = || (0..tones.len()).filter_map(|j| Some((j, fits[j].as_ref().ok()?.as_ref()?)));
+    // With as much noise rounding errors average.
+    if present().all(|(_, fits)| fits.components[component].residual_std > step) {
+        return std;
+    }
+    let met: Vec<Met> = present()
+        .map(|(j, fits)| {
+            let (fit, n) = (&fits.components[component], &records[j].n[tones[j].used.clone()]);
+            let cycles = n.iter().map(|n| sine::phase(tones[j].setting.frequency_hz, fits.rate_hz, *n) / TAU);
+            Met::of(step, fit.amplitude, &fit.residuals, fit.residual_std, cycles)
+        })
+        .collect();
+    let noise_std = rounding::noise_std(step, &met);
+    present().zip(&met).for_each(|((j, _), met)| std[j] = rounding::amplitude_std(step, noise_std, met));
+    std
+}
+
 /// Amplitude and phase of one setting.
 fn amplitude(
     tone: &Tone,
     record: &Record,
     fits: &Result<Option<Fits>, SineRefusal>,
     noise: [Option<[f64; 2]>; 3],
+    rounding_std: [f64; 3],
 ) -> SineAmplitude {
     let frequency_hz = tone.setting.frequency_hz;
     let mut part = SineAmplitude {
@@ -115,14 +142,14 @@ fn amplitude(
             Some(near) if fit.residual_std > 0.0 => near.map(|near| near / fit.residual_std),
             _ => [1.0; 2],
         };
-        let std = of_amplitude * fit.amplitude_std;
+        let std = rounding_std[i].hypot(of_amplitude * fit.amplitude_std);
         part.b_ent[i] = fit.amplitude;
         part.b_std_ent[i] = std;
         part.detected[i] = fit.amplitude > DETECTED * std;
         if part.detected[i] {
             let phase = (fit.phase_rad + turned) / TAU;
             phase_deg[i] = within_a_turn_deg(phase);
-            phase_std_deg[i] = of_phase * fit.phase_std_rad.to_degrees();
+            phase_std_deg[i] = (rounding_std[i] / fit.amplitude).hypot(of_phase * fit.phase_std_rad).to_degrees();
         }
     }
     let cycles = frequency_hz / fits.rate_hz;
