@@ -314,8 +314,8 @@ fn outcome(kind: Kind, damage: &str, whole: &Made, found: &Made) -> Outcome {
         let Some(after) = found.vectors.get(key).filter(|after| after.count == before.count) else { continue };
         let z = (0..3).map(|i| (after.field_nt[i] - before.field_nt[i]).abs() / after.std_nt[i].min(before.std_nt[i]));
         let z = z.filter(|z| z.is_finite()).fold(0.0, f64::max);
-        // Beside a heater that switches a vector is not that of the field alone, and says so.
-        let is_told = is_flagged(key, before) || after.flags & Flags::HEATER.0 != 0;
+        // Beside a heater that switches a vector is not that of the field alone, and says so; without damage it is no truth either.
+        let is_told = is_flagged(key, before) || (after.flags | before.flags) & Flags::HEATER.0 != 0;
         let own = worst.entry(is_told).or_insert((0.0, ""));
         if (z, key.0.as_str()) > *own {
             *own = (z, key.0.as_str());
@@ -356,7 +356,7 @@ const HEAD: &str = "# Damaged flight inputs\n\n\
 `cargo run --release -p calfit-studies --bin damages -- flight` makes the mission of `configs/rosetta-telemetry.toml`, damages one kind of its\n\
 inputs, and makes all levels as a user does. `refused`: days or the whole are not made, with the reason. `note`: they are made with a note that\n\
 the mission without damage does not have. `flags`: the vectors that are wrong have a flag that they do not have without damage, or that of a\n\
-heater that switches. A number in brackets: not a word, and no vector moves by more than so many of its standard uncertainties. `not visible`: vectors are wrong and nothing in\n\
+heater that switches, with or without it. A number in brackets: not a word, and no vector moves by more than so many of its standard uncertainties. `not visible`: vectors are wrong and nothing in\n\
 the inputs can show it, for the reason below. `-`: the kind has nothing that the damage could change.\n";
 
 /// The table in Markdown, with the reasons why damages are not visible.
