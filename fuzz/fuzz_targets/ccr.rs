@@ -8,9 +8,9 @@
 
 #![no_main]
 
-use calfit::files::ccr::{Options, peek, read};
 use calfit::data::plateau::{Accumulator, Cut};
 use calfit::data::run::{Header, Setting, Vector, VectorSink};
+use calfit::files::ccr::{Options, peek, read};
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 use std::sync::LazyLock;

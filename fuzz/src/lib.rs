@@ -33,7 +33,8 @@ pub static MISSION: LazyLock<Mission> = LazyLock::new(|| {
 });
 
 /// A field programme that twins of the corpus name.
-const PROGRAMME: &str = "MAG 1\nname = \"T.MAG\"\nkind = \"linearity\"\n@STEPS\nduration,bx,by,bz,frequency,position\n24,1,2,3,0,1\n@END\n";
+const PROGRAMME: &str =
+    "MAG 1\nname = \"T.MAG\"\nkind = \"linearity\"\n@STEPS\nduration,bx,by,bz,frequency,position\n24,1,2,3,0,1\n@END\n";
 
 /// Gives the bytes to a reader as a file of this name; a field programme `T.MAG` stands beside it.
 pub fn as_file<T>(name: &str, bytes: &[u8], read: impl FnOnce(&Path) -> T) -> T {

@@ -54,6 +54,16 @@ pub struct Packet<'a> {
     pub y: &'a [f64],
     /// True frequency, Hz.
     pub frequency_hz: f64,
+    /// Standard deviation of a reading that it has at least, whatever the residuals are, unit of the readings: rounding may leave the same at
+    /// every phase, so that residuals do not show it.
+    pub least_std: f64,
+}
+
+impl Packet<'_> {
+    /// Sum of squares of residuals that are no smaller than they are said to be.
+    fn least(&self, squares: f64) -> f64 {
+        squares.max(self.y.len() as f64 * self.least_std.powi(2))
+    }
 }
 
 /// How a packet was used.
@@ -313,7 +323,7 @@ fn state(packet: &Packet, rate_hz: f64, noise_ratio: Option<f64>) -> State {
     let own = if noise_ratio.is_some() { (rss - slope.gradient * slope.step()).max(0.0) } else { rss };
     // Readings without noise still have rounding.
     let residual_std = (own / (packet.n.len() - 4) as f64).sqrt().max(f64::EPSILON * fit.size());
-    let noise = residual_std * noise_ratio.unwrap_or(1.0);
+    let noise = (residual_std * noise_ratio.unwrap_or(1.0)).max(packet.least_std);
     State { offset: slope.step(), std: noise / slope.information.sqrt(), rss, residual_std, noise, used: true }
 }
 
@@ -415,6 +425,8 @@ struct Reduced {
     count: f64,
     /// Sum of squares of the readings around their mean.
     squares: f64,
+    /// What is left of them at least.
+    least: f64,
     /// Radians per counter and relative change of the sample period.
     turn: f64,
 }
@@ -450,7 +462,8 @@ impl Reduced {
         }
         segments.retain(|segment| segment.count > 0.0);
         segments.iter_mut().for_each(|segment| segment.at /= segment.count);
-        Self { segments, count, squares, turn: TAU * packet.frequency_hz / rate_hz }
+        let least = packet.least(LEAST_SHARE * squares).max(f64::MIN_POSITIVE);
+        Self { segments, count, squares, least, turn: TAU * packet.frequency_hz / rate_hz }
     }
 
     /// Twice the negative logarithm of the likelihood, with the noise that fits best, at a relative change of the period.
@@ -473,7 +486,7 @@ impl Reduced {
         let determinant = ss * cc - sc * sc;
         let explained =
             if determinant > 1e-8 * n * n { (cc * sd * sd - 2.0 * sc * sd * cd + ss * cd * cd) / determinant } else { 0.0 };
-        n * (self.squares - explained).max(LEAST_SHARE * self.squares).max(f64::MIN_POSITIVE).ln()
+        n * (self.squares - explained).max(self.least).ln()
     }
 }
 
@@ -516,7 +529,7 @@ fn climb(packets: &[Packet], start_hz: f64, peak_hz: f64) -> (f64, f64) {
         }
     }
     let cost = |packet: &Packet| {
-        let least = packet.y.len() as f64 * f64::MIN_POSITIVE;
+        let least = packet.least(packet.y.len() as f64 * f64::MIN_POSITIVE);
         packet.y.len() as f64 * rss(packet, rate_hz).clamp(least, f64::MAX).ln()
     };
     (rate_hz, packets.iter().map(cost).sum())

@@ -371,7 +371,7 @@ mod rates {
     type Samples = (Vec<u64>, Vec<f64>, f64);
 
     fn packets(samples: &[Samples]) -> Vec<Packet<'_>> {
-        samples.iter().map(|(n, y, frequency_hz)| Packet { n, y, frequency_hz: *frequency_hz }).collect()
+        samples.iter().map(|(n, y, frequency_hz)| Packet { n, y, frequency_hz: *frequency_hz, least_std: 0.0 }).collect()
     }
 
     /// Ten frequencies per decade from 1000 Hz down, every `stride`-th, one after the other: three cycles, at least `least_s`.
@@ -562,7 +562,7 @@ mod rates {
         for start in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert!(matches!(common_rate(&packets(&[(n.clone(), y.clone(), 30.0)]), start), Err(RateRefusal::Start { .. })));
         }
-        let empty = Packet { n: &[], y: &[], frequency_hz: 1.0 };
+        let empty = Packet { n: &[], y: &[], frequency_hz: 1.0, least_std: 0.0 };
         let samples = sweep(10, 10.0, 2.0, 0.05, &mut Random::seeded(1));
         let mut given = packets(&samples);
         given.insert(1, empty);

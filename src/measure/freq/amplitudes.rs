@@ -1,7 +1,7 @@
 //! Amplitude and phase of every setting, with uncertainties from the noise near its frequency.
 
 use super::clock::Clock;
-use super::rounding::{self, Met};
+use super::rounding::{self, Rounded};
 use super::samples::Record;
 use super::tones::Tone;
 use crate::data::frequency::SineAmplitude;
@@ -79,23 +79,13 @@ fn noise(
 /// What the rounding of the readings leaves of the amplitudes of a component, one standard deviation per setting; zero where they show no step.
 fn rounding_std(component: usize, tones: &[Tone], records: &[&Record], fits: &[Result<Option<Fits>, SineRefusal>]) -> Vec<f64> {
     let used = |j: usize| &records[j].y[component][tones[j].used.clone()];
-    let mut std = vec![0.0; tones.len()];
-    let Some(step) = rounding::resolution((0..tones.len()).map(used)) else { return std };
-    let present = || (0..tones.len()).filter_map(|j| Some((j, fits[j].as_ref().ok()?.as_ref()?)));
-    // With as much noise rounding errors average.
-    if present().all(|(_, fits)| fits.components[component].residual_std > step) {
-        return std;
-    }
-    let met: Vec<Met> = present()
-        .map(|(j, fits)| {
-            let (fit, n) = (&fits.components[component], &records[j].n[tones[j].used.clone()]);
-            let cycles = n.iter().map(|n| sine::phase(tones[j].setting.frequency_hz, fits.rate_hz, *n) / TAU);
-            Met::of(step, fit.amplitude, &fit.residuals, fit.residual_std, cycles)
-        })
-        .collect();
-    let noise_std = rounding::noise_std(step, &met);
-    present().zip(&met).for_each(|((j, _), met)| std[j] = rounding::amplitude_std(step, noise_std, met));
-    std
+    let Some(step) = rounding::resolution((0..tones.len()).map(used)) else { return vec![0.0; tones.len()] };
+    let rounded = |j: usize| {
+        let fits = fits[j].as_ref().ok()?.as_ref()?;
+        let (n, frequency_hz) = (&records[j].n[tones[j].used.clone()], tones[j].setting.frequency_hz);
+        Some(Rounded { n, frequency_hz, rate_hz: fits.rate_hz, sine: &fits.components[component] })
+    };
+    rounding::amplitude_stds(step, &(0..tones.len()).map(rounded).collect::<Vec<_>>())
 }
 
 /// Amplitude and phase of one setting.

@@ -1,15 +1,19 @@
 //! The sampling frequency of every component from the phase progress within all settings together.
 
 use super::refusal::FreqError;
+use super::rounding::{self, Rounded};
 use super::samples::Record;
 use crate::data::run::Setting;
 use crate::data::units::COMPONENTS;
-use crate::fit::sine::{self, CommonRate, Packet, RateRefusal};
+use crate::fit::sine::{self, CommonRate, Packet, RateRefusal, Sine};
 use rayon::prelude::*;
 use std::ops::Range;
 
 /// Largest relative uncertainty of a sampling frequency that is one: beyond it a setting does not keep its phase.
 const KNOWN_RATE: f64 = 1e-3;
+
+/// Rounds in which the errors of rounding follow the rate.
+const ROUNDS: usize = 2;
 
 /// The sampling frequency of every component, or why it has none.
 pub(super) struct Rates {
@@ -35,17 +39,13 @@ pub(super) fn rates(
     let results: Vec<Result<CommonRate, RateRefusal>> = (0..3)
         .into_par_iter()
         .map(|component| {
-            let packets: Vec<Packet> = records
-                .iter()
-                .zip(settings)
-                .zip(ranges)
-                .map(|((record, setting), range)| Packet {
-                    n: &record.n[range.clone()],
-                    y: &record.y[component][range.clone()],
-                    frequency_hz: setting.frequency_hz,
-                })
-                .collect();
-            sine::common_rate(&packets, start_hz)
+            let packets = records.iter().zip(settings).zip(ranges).map(|((record, setting), range)| Packet {
+                n: &record.n[range.clone()],
+                y: &record.y[component][range.clone()],
+                frequency_hz: setting.frequency_hz,
+                least_std: 0.0,
+            });
+            rate(packets.collect(), start_hz)
         })
         .collect();
     // A rate beyond this is that of noise.
@@ -67,5 +67,70 @@ pub(super) fn rates(
     match first {
         Some(error) if rates.found.iter().all(Option::is_none) => Err(error),
         _ => Ok(rates),
+    }
+}
+
+/// The rate of packets, whose readings may be rounded: what that leaves is asked for with the rate that is found without, and with that found then.
+fn rate(mut packets: Vec<Packet>, start_hz: f64) -> Result<CommonRate, RateRefusal> {
+    let first = sine::common_rate(&packets, start_hz)?;
+    let Some(step) = rounding::resolution(packets.iter().map(|packet| packet.y)) else { return Ok(first) };
+    let mut found = first;
+    for _ in 0..ROUNDS {
+        let sines: Vec<Option<Sine>> =
+            packets.iter().map(|packet| sine::three(packet.n, packet.y, packet.frequency_hz, found.rate_hz).ok()).collect();
+        let rounded = packets.iter().zip(&sines).map(|(packet, sine)| {
+            let Packet { n, frequency_hz, .. } = *packet;
+            Some(Rounded { n, frequency_hz, rate_hz: found.rate_hz, sine: sine.as_ref()? })
+        });
+        let stds = rounding::amplitude_stds(step, &rounded.collect::<Vec<_>>());
+        if stds.iter().all(|std| *std == 0.0) {
+            break;
+        }
+        // White noise of the readings that does the same to the amplitude, and so to the phase.
+        packets.iter_mut().zip(stds).for_each(|(packet, std)| packet.least_std = std * (0.5 * packet.n.len() as f64).sqrt());
+        found = sine::common_rate(&packets, start_hz)?;
+    }
+    Ok(found)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::random::Random;
+    use std::f64::consts::TAU;
+
+    /// Cross axes of a few steps at frequencies with simple ratios to the nominal rate: their readings look the same for ever.
+    #[test]
+    fn rounded_readings_tell_the_sampling_frequency_no_better_than_they_can() {
+        const HZ: [f64; 11] = [0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 12.8, 25.6, 42.667, 51.2];
+        let n: Vec<u64> = (0..2560).collect();
+        for true_hz in [127.9989, 127.9999] {
+            let mut pulls = Vec::new();
+            for seed in 0..20 {
+                let mut random = Random::seeded(seed);
+                let mut rates = Vec::new();
+                for amplitude in [13.0, 90.0, 1000.0] {
+                    let readings: Vec<Vec<f64>> = HZ
+                        .iter()
+                        .map(|hz| {
+                            let phase = TAU * random.uniform();
+                            let field = |n: &u64| amplitude * (sine::phase(*hz, true_hz, *n) + phase).sin();
+                            n.iter().map(|n| 8.0 * ((field(n) + 0.4 * random.gaussian()) / 8.0).round()).collect()
+                        })
+                        .collect();
+                    let packets =
+                        readings.iter().zip(HZ).map(|(y, frequency_hz)| Packet { n: &n, y, frequency_hz, least_std: 0.0 });
+                    let rate = rate(packets.collect(), 128.0).expect("a rate");
+                    pulls.push((rate.rate_hz - true_hz) / rate.std_hz);
+                    rates.push(Some(rate));
+                }
+                let found: [Option<CommonRate>; 3] = rates.try_into().expect("three");
+                let mean = Rates { found, refused: Vec::new() }.mean_hz();
+                assert!((mean - true_hz).abs() < 1e-4, "{true_hz} {seed}: {mean}");
+            }
+            let rms = (pulls.iter().map(|pull| pull * pull).sum::<f64>() / pulls.len() as f64).sqrt();
+            // Phases that come again have the same errors at both ends of a setting, so that they are less than that.
+            assert!((0.25..1.1).contains(&rms) && pulls.iter().all(|pull| pull.abs() < 3.0), "{true_hz}: {rms}");
+        }
     }
 }

@@ -4,6 +4,7 @@
 //! reading alone, `(q/π) Σ (-1)^k/k · exp(-2π²k²σ²/q²) · sin(2πky/q)`. Where the samples meet the sine again and again at the same few phases, it
 //! is the same every time: no length of a setting makes it smaller, and its harmonics fall upon the sine itself, where no noise beside it tells.
 
+use crate::fit::sine::{self, Sine};
 use std::f64::consts::{PI, TAU};
 
 /// Readings of a setting from which the resolution is taken.
@@ -14,6 +15,8 @@ const NEARLY: f64 = 0.1;
 /// Share of these, and their least number, with which readings have a resolution.
 const LEAST_SHARE: f64 = 0.9;
 const LEAST_DISTANCES: usize = 5;
+/// With fewer: how often values come again in the mean.
+const COMMON: usize = 20;
 /// A distance below this part of the largest reading is rounding of the arithmetic.
 const ARITHMETIC: f64 = 1e-12;
 /// Terms of the error of a rounded reading; those left out are below 2 % of its variance without noise.
@@ -28,7 +31,8 @@ const LEAST_AGAIN: f64 = 0.5;
 const MOST_NOISE: f64 = 2.0;
 const HALVINGS: usize = 40;
 
-/// The step of readings that are rounded, from all settings of a run; `None` where they show none.
+/// The step of readings that are rounded, from all settings of a run; `None` where they show none. A few values that come again and again have one,
+/// however few.
 pub(super) fn resolution<'a>(settings: impl Iterator<Item = &'a [f64]>) -> Option<f64> {
     let mut readings: Vec<f64> = settings.flat_map(|readings| &readings[..readings.len().min(MOST_READINGS)]).copied().collect();
     readings.sort_by(f64::total_cmp);
@@ -37,12 +41,32 @@ pub(super) fn resolution<'a>(settings: impl Iterator<Item = &'a [f64]>) -> Optio
     let step = distances.iter().copied().min_by(f64::total_cmp)?;
     let near: Vec<f64> = distances.iter().map(|distance| distance / step).filter(|steps| *steps < NEAR_STEPS).collect();
     let whole = near.iter().filter(|steps| (*steps - steps.round()).abs() < NEARLY).count();
-    (near.len() >= LEAST_DISTANCES && whole as f64 >= LEAST_SHARE * near.len() as f64).then_some(step)
+    let is_told = near.len() >= LEAST_DISTANCES || readings.len() >= COMMON * (distances.len() + 1);
+    (is_told && whole as f64 >= LEAST_SHARE * near.len() as f64).then_some(step)
+}
+
+/// A sine of a setting with what it was fitted to.
+pub(super) struct Rounded<'a> {
+    pub n: &'a [u64],
+    pub frequency_hz: f64,
+    pub rate_hz: f64,
+    pub sine: &'a Sine,
+}
+
+/// Standard deviations of the amplitudes of the sines of a run by the rounding of their readings; zero where there is no sine.
+pub(super) fn amplitude_stds(step: f64, sines: &[Option<Rounded>]) -> Vec<f64> {
+    // With as much noise rounding errors average.
+    if sines.iter().flatten().all(|one| one.sine.residual_std > step) {
+        return vec![0.0; sines.len()];
+    }
+    let met: Vec<Option<Met>> = sines.iter().map(|one| Some(Met::of(step, one.as_ref()?))).collect();
+    let noise = noise_steps(step, &met);
+    met.iter().map(|met| met.map_or(0.0, |met| step * error_std(noise) * (2.0 / met.errors as f64).sqrt())).collect()
 }
 
 /// The phases of a sine at which it is read.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Met {
+struct Met {
     /// Rounding errors that are met: readings less than a step apart have the same.
     errors: usize,
     /// Variance of the readings about the sine.
@@ -52,12 +76,14 @@ pub(super) struct Met {
 }
 
 impl Met {
-    /// Of residuals of a sine at phases, in turns.
-    pub fn of(step: f64, amplitude: f64, residuals: &[f64], residual_std: f64, cycles: impl Iterator<Item = f64>) -> Self {
+    fn of(step: f64, rounded: &Rounded) -> Self {
+        let Rounded { n, frequency_hz, rate_hz, sine } = *rounded;
+        let Sine { amplitude, residual_std, ref residuals, .. } = *sine;
         let errors = (TAU * amplitude / step).ceil().clamp(1.0, MOST_ERRORS) as usize;
         let classes = errors * CLASSES;
         let mut sums = vec![(0_u32, 0.0, 0.0); classes];
-        for (cycle, residual) in cycles.zip(residuals) {
+        for (n, residual) in n.iter().zip(residuals) {
+            let cycle = sine::phase(frequency_hz, rate_hz, *n) / TAU;
             let place = ((cycle - cycle.floor()) * classes as f64) as usize;
             let (count, sum, square) = &mut sums[place.min(classes - 1)];
             (*count, *sum, *square) = (*count + 1, *sum + residual, *square + residual * residual);
@@ -84,25 +110,20 @@ impl Met {
     }
 }
 
-/// Standard deviation of readings before they were rounded, the same in all settings of a run: of one alone it would be large where its errors
-/// happen to be.
-pub(super) fn noise_std(step: f64, settings: &[Met]) -> f64 {
-    let excess = |noise: f64| settings.iter().map(|met| met.excess(step, noise)).sum::<f64>();
+/// Standard deviation of readings before they were rounded, in steps, the same in all settings of a run: of one alone it would be large where its
+/// errors happen to be.
+fn noise_steps(step: f64, settings: &[Option<Met>]) -> f64 {
+    let excess = |noise: f64| settings.iter().flatten().map(|met| met.excess(step, noise)).sum::<f64>();
     let (mut low, mut high) = (0.0, MOST_NOISE);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
         if excess(middle) > 0.0 { low = middle } else { high = middle }
     }
-    low * step
-}
-
-/// Standard deviation of the amplitude of a sine by the rounding of its readings, after noise of a standard deviation.
-pub(super) fn amplitude_std(step: f64, noise_std: f64, met: &Met) -> f64 {
-    error_std(noise_std / step) * step * (2.0 / met.errors as f64).sqrt()
+    low
 }
 
 /// Standard deviation of the error of a rounded reading over all readings, in steps, that noise of a standard deviation in steps does not average.
-pub(super) fn error_std(noise: f64) -> f64 {
+fn error_std(noise: f64) -> f64 {
     let term = |k: i32| ((-2.0 * (PI * f64::from(k) * noise).powi(2)).exp() / (PI * f64::from(k))).powi(2);
     (0.5 * (1..=TERMS).map(term).sum::<f64>()).sqrt()
 }
@@ -111,7 +132,6 @@ pub(super) fn error_std(noise: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::fit::random::Random;
-    use crate::fit::sine;
 
     #[test]
     fn the_error_of_a_rounded_reading_is_uniform_without_noise_and_none_with_much() {
@@ -136,6 +156,9 @@ mod tests {
         let few: Vec<f64> = (0..3000).map(|i| 500.0 * (TAU * f64::from(i) / 8.0 + 0.3).sin()).collect();
         assert_eq!(resolution([few.as_slice()].into_iter()), None);
         assert_eq!(resolution([[0.0; 0].as_slice()].into_iter()), None);
+        // Three values that come again and again.
+        let small: Vec<f64> = free.iter().map(|y| 8.0 * (y / 400.0).round()).collect();
+        assert_eq!(resolution([small.as_slice()].into_iter()), Some(8.0));
     }
 
     #[test]
@@ -149,7 +172,7 @@ mod tests {
             let mut random = Random::seeded(1);
             let (mut with, mut without) = (Vec::new(), Vec::new());
             for _ in 0..20 {
-                let fits: Vec<(f64, sine::Sine)> = (0..SETTINGS)
+                let fits: Vec<(f64, Sine)> = (0..SETTINGS)
                     .map(|_| {
                         let (amplitude, phase, offset) =
                             (30.0 + 40.0 * random.uniform(), TAU * random.uniform(), random.uniform());
@@ -158,13 +181,9 @@ mod tests {
                         (amplitude, sine::three(&n, &readings, frequency, RATE).expect("a sine"))
                     })
                     .collect();
-                let cycles = || n.iter().map(|n| sine::phase(frequency, RATE, *n) / TAU);
-                let met: Vec<Met> =
-                    fits.iter().map(|(_, fit)| Met::of(1.0, fit.amplitude, &fit.residuals, fit.residual_std, cycles())).collect();
-                let before = noise_std(1.0, &met);
-                assert!((before - noise).abs() < 0.1, "{frequency} {noise}: {before}");
-                for ((amplitude, fit), met) in fits.into_iter().zip(&met) {
-                    let rounded = amplitude_std(1.0, before, met);
+                let rounded = |sine| Some(Rounded { n: &n, frequency_hz: frequency, rate_hz: RATE, sine });
+                let sines: Vec<Option<Rounded>> = fits.iter().map(|(_, sine)| rounded(sine)).collect();
+                for ((amplitude, fit), rounded) in fits.iter().zip(amplitude_stds(1.0, &sines)) {
                     with.push((fit.amplitude - amplitude) / rounded.hypot(fit.amplitude_std));
                     without.push((fit.amplitude - amplitude) / fit.amplitude_std);
                 }
