@@ -281,6 +281,25 @@ fn what_a_ground_calibration_file_lacks_is_named() {
     done(&command.arg(beside.out()).output().unwrap());
     let tpf = beside.out().join("THERMAL_PARAMETER__01-06-01-09-00-00.TPF");
     refused(&[&tpf, &made.tof, &made.thermistor], &["--at-centre"], &["beside the centre", "thermal --centre"]);
+    // What says that it was measured beside the centre is none at the centre, and one result is no pair.
+    let own = beside.campaign().join("01-06-01_09-00-00.CPF");
+    let centre = made.case.path().join("CENTRE.CPF");
+    let pair = |arguments: &[&Path]| {
+        let mut command = calfit();
+        command.arg("thermal").arg(&tpf).args(arguments).arg("-o").arg(beside.path().join("pair"));
+        let output = command.output().unwrap();
+        assert_ne!(output.status.code(), Some(0));
+        String::from_utf8_lossy(&output.stderr).into_owned()
+    };
+    let flag = Path::new;
+    says(
+        &pair(&[flag("--centre"), &own]),
+        &["01-06-01_09-00-00.CPF", "beside the centre", "name the result of a run at the centre"],
+    );
+    says(
+        &pair(&[flag("--centre"), &centre, flag("--off-centre"), &centre]),
+        &["CENTRE.CPF", "the same as the result at the centre"],
+    );
     // The other forms say it with the values.
     for (format, end) in [("csv", "csv"), ("dcc", "xml")] {
         done(&export(format, &[&tpf], &beside.path().join(format), &[]));

@@ -111,7 +111,7 @@ fn rows(p: &Thermistor) -> Section {
 #[must_use]
 pub fn summary(thermistor: &Thermistor) -> String {
     let p = thermistor;
-    let list: Vec<String> = p.polynomial.coefficients.iter().map(|c| format!("{c:.6}")).collect();
+    let list: Vec<String> = p.polynomial.coefficients.iter().map(|c| format!("{c:.9e}")).collect();
     let mut out = format!(
         "{}  order {}, {} rows, up to {:.4} °C\n  c      {}  °C/{}^k\n",
         p.polynomial.table,

@@ -56,12 +56,30 @@ impl PairFiles {
                 point,
             })
         };
-        Ok(Self {
+        let read = Self {
             centre: one(centre, Role::Centre)?,
             off_centre: off_centre.map(|path| one(path, Role::OffCentre)).transpose()?,
             offset: offset.map(|path| one(path, Role::Offset)).transpose()?,
             notes: Vec::new(),
-        })
+        };
+        for (path, member) in [(Some(centre), Some(&read.centre)), (offset, read.offset.as_ref())] {
+            let (Some(path), Some(member)) = (path, member) else { continue };
+            if !member.point.run.location.is_centre() {
+                let told = "it was measured beside the centre of the coil system (location = \"off-centre\"), and is given as one at the centre";
+                return Err(Finding::error(&path.display().to_string(), told, "name the result of a run at the centre"));
+            }
+        }
+        if let (Some(path), Some(member)) = (off_centre, &read.off_centre)
+            && member.inputs.iter().any(|own| read.centre.inputs.iter().any(|other| own.sha256 == other.sha256))
+        {
+            let told = "it is the same as the result at the centre";
+            return Err(Finding::error(
+                &path.display().to_string(),
+                told,
+                "name the results of two runs, at the centre and beside it",
+            ));
+        }
+        Ok(read)
     }
 
     /// Results of runs at the centre, which stand among those that the polynomials come from; the polynomials stand for the run beside

@@ -271,7 +271,7 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
     notes.extend(disagreements(&found));
     let scatter = Scatter::of(&found, terms.count());
     notes.extend(scatter.notes());
-    let mut covariance = scatter.widened(solution.covariance());
+    let mut covariance = scatter.widened(&solution.unscaled_covariance * noise_variance(&calibration, solution));
     if let Some(moved) = unknown::moved(&rows, terms, &fitted) {
         notes.extend(unknown::note(&rows, &covariance, &moved));
         covariance += &moved * moved.transpose();
@@ -482,6 +482,14 @@ fn each(rows: &[Observation], runs: &[(&Run, &Instructions)], used: &[bool], cli
         })
     };
     runs.iter().enumerate().filter_map(one).collect()
+}
+
+/// Variance of a row, nT²: that about the calibrations alone, since that about the fit to all of them has their scatter in it as well.
+fn noise_variance(calibration: &[ScalarCalibration], solution: &NonlinearSolution) -> f64 {
+    let dof = |own: &ScalarCalibration| own.rows.saturating_sub(CONSTANT) as f64;
+    let total: f64 = calibration.iter().map(dof).sum();
+    let squares: f64 = calibration.iter().map(|own| dof(own) * own.residual_std_nt.powi(2)).sum();
+    if total > 0.0 { squares / total } else { solution.residual_std.powi(2) }
 }
 
 /// The nine values of one temperature.
