@@ -11,13 +11,16 @@ use crate::data::tables::ThermistorRow;
 use crate::data::thermistor::{
     ComparedPolynomial, FittedTableRow, HIGHEST_ORDER, ReferenceComparison, ThermistorPolynomial, TriedOrder,
 };
-use crate::fit::statistics::extremes;
+use crate::fit::statistics::{extremes, fisher_tail};
 use crate::fit::{Chosen, FitError, Limits, Polynomial, order, polynomial};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 /// Largest residual that is asked for where nothing else is said, °C.
 pub const WITHIN_DEGC: f64 = 0.01;
+
+/// Probability by chance below which a difference to the reference changes with temperature.
+const BY_CHANCE: f64 = 0.003;
 
 /// What the polynomial takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -269,7 +272,7 @@ fn compare_with(
     let slope = polynomial::fit(&t, &difference, None, 1, &Limits::default()).ok().filter(|s| s.dof > 0);
     let slope_std = slope.as_ref().map(|s| s.covariance()[(1, 1)].sqrt());
     if let (Some(s), Some(std)) = (&slope, slope_std)
-        && s.coefficients[1].abs() > 3.0 * std
+        && fisher_tail((s.coefficients[1] / std).powi(2), [1.0, s.dof as f64]) < BY_CHANCE
     {
         notes.push(Note::new(
             NoteKind::Method,

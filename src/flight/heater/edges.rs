@@ -128,7 +128,8 @@ impl Evidence<'_> {
                     let shared = product(near[i], near[j]);
                     if i == j { shared.max(edges[near[i]].std_cells.powi(-2)) } else { shared }
                 });
-                precision.cholesky().map_or(f64::INFINITY, |cholesky| alone.max(cholesky.inverse()[(place, place)].sqrt()))
+                let free = precision.cholesky().map(|cholesky| cholesky.inverse()[(place, place)].sqrt());
+                free.filter(|std| std.is_finite()).map_or(f64::INFINITY, |std| alone.max(std))
             })
             .collect();
         edges.iter_mut().zip(spread).for_each(|(edge, std)| edge.std_cells = std);

@@ -447,6 +447,11 @@ fn corrected(own: &Oriented, solved: &[Solved; 3], stated: &FacilityParameters) 
     }
 }
 
+/// The root of a variance; one that rounding made negative is zero, and one that nothing tells stays so.
+fn root_of(variance: f64) -> f64 {
+    if variance < 0.0 { 0.0 } else { variance.sqrt() }
+}
+
 /// The facility with its corrections, and its standard uncertainties.
 fn corrected_facility(
     before: &FacilityParameters,
@@ -454,7 +459,7 @@ fn corrected_facility(
 ) -> (FacilityParameters, FacilityParameters) {
     let add = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| a[i] + b[i]) };
     let scaled: [f64; 3] = std::array::from_fn(|k| before.scale_nt_per_eu[k] * scale.facility[k].exp());
-    let root = |s: &Solved| -> [f64; 3] { std::array::from_fn(|k| s.covariance[(k, k)].max(0.0).sqrt()) };
+    let root = |s: &Solved| -> [f64; 3] { std::array::from_fn(|k| root_of(s.covariance[(k, k)])) };
     let after = FacilityParameters {
         scale_nt_per_eu: scaled,
         offset_nt: add(before.offset_nt, offset.facility),

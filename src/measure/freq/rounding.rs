@@ -5,6 +5,7 @@
 //! is the same every time: no length of a setting makes it smaller, and its harmonics fall upon the sine itself, where no noise beside it tells.
 
 use crate::fit::sine::{self, Sine};
+use crate::fit::statistics::median;
 use std::f64::consts::{PI, TAU};
 
 /// Readings of a setting from which the resolution is taken.
@@ -15,10 +16,10 @@ const NEARLY: f64 = 0.1;
 /// Share of these, and their least number, with which readings have a resolution.
 const LEAST_SHARE: f64 = 0.9;
 const LEAST_DISTANCES: usize = 5;
-/// With fewer: how often values come again in the mean.
+/// How often values come again in the mean where a few have a step.
 const COMMON: usize = 20;
-/// A distance below this part of the largest reading is rounding of the arithmetic.
-const ARITHMETIC: f64 = 1e-12;
+/// A distance below this part of the largest reading is rounding of the arithmetic, in single precision it may be.
+const ARITHMETIC: f64 = 1e-7;
 /// Terms of the error of a rounded reading; those left out are below 2 % of its variance without noise.
 const TERMS: i32 = 30;
 /// Rounding errors that are told apart at most.
@@ -32,17 +33,19 @@ const MOST_NOISE: f64 = 2.0;
 const HALVINGS: usize = 40;
 
 /// The step of readings that are rounded, from all settings of a run; `None` where they show none. A few values that come again and again have one,
-/// however few.
+/// however few; one that came once only, where values come again, is left out: a spike is on no step.
 pub(super) fn resolution<'a>(settings: impl Iterator<Item = &'a [f64]>) -> Option<f64> {
     let mut readings: Vec<f64> = settings.flat_map(|readings| &readings[..readings.len().min(MOST_READINGS)]).copied().collect();
     readings.sort_by(f64::total_cmp);
     let least = ARITHMETIC * readings.last()?.abs().max(readings[0].abs());
-    let distances: Vec<f64> = readings.windows(2).map(|pair| pair[1] - pair[0]).filter(|distance| *distance > least).collect();
+    let values: Vec<&[f64]> = readings.chunk_by(|one, next| next - one <= least).collect();
+    let come_again = readings.len() >= COMMON * values.len();
+    let values: Vec<f64> = values.iter().filter(|same| !come_again || same.len() > 1).map(|same| same[0]).collect();
+    let distances: Vec<f64> = values.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let step = distances.iter().copied().min_by(f64::total_cmp)?;
     let near: Vec<f64> = distances.iter().map(|distance| distance / step).filter(|steps| *steps < NEAR_STEPS).collect();
     let whole = near.iter().filter(|steps| (*steps - steps.round()).abs() < NEARLY).count();
-    let is_told = near.len() >= LEAST_DISTANCES || readings.len() >= COMMON * (distances.len() + 1);
-    (is_told && whole as f64 >= LEAST_SHARE * near.len() as f64).then_some(step)
+    ((come_again || near.len() >= LEAST_DISTANCES) && whole as f64 >= LEAST_SHARE * near.len() as f64).then_some(step)
 }
 
 /// A sine of a setting with what it was fitted to.
@@ -110,16 +113,18 @@ impl Met {
     }
 }
 
-/// Standard deviation of readings before they were rounded, in steps, the same in all settings of a run: of one alone it would be large where its
-/// errors happen to be.
+/// Standard deviation of readings before they were rounded, in steps: the median of the settings. In one alone it would be large where its errors
+/// happen to be, or a drift.
 fn noise_steps(step: f64, settings: &[Option<Met>]) -> f64 {
-    let excess = |noise: f64| settings.iter().flatten().map(|met| met.excess(step, noise)).sum::<f64>();
-    let (mut low, mut high) = (0.0, MOST_NOISE);
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        if excess(middle) > 0.0 { low = middle } else { high = middle }
-    }
-    low
+    let of_setting = |met: &Met| {
+        let (mut low, mut high) = (0.0, MOST_NOISE);
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            if met.excess(step, middle) > 0.0 { low = middle } else { high = middle }
+        }
+        low
+    };
+    median(&mut settings.iter().flatten().map(of_setting).collect::<Vec<f64>>())
 }
 
 /// Standard deviation of the error of a rounded reading over all readings, in steps, that noise of a standard deviation in steps does not average.
@@ -156,6 +161,11 @@ mod tests {
         let few: Vec<f64> = (0..3000).map(|i| 500.0 * (TAU * f64::from(i) / 8.0 + 0.3).sin()).collect();
         assert_eq!(resolution([few.as_slice()].into_iter()), None);
         assert_eq!(resolution([[0.0; 0].as_slice()].into_iter()), None);
+        // Single precision, and a spike.
+        let rounded = |y: f64| (1.0 + 6e-8 * (y * 1e7).sin()) * y.round();
+        let single: Vec<f64> = (0..50_000).map(|i| rounded(500.0 * (0.37 * f64::from(i)).sin())).chain([100.3]).collect();
+        let found = resolution(single.chunks(4000)).expect("a step");
+        assert!((found - 1.0).abs() < 1e-3, "{found}");
         // Three values that come again and again.
         let small: Vec<f64> = free.iter().map(|y| 8.0 * (y / 400.0).round()).collect();
         assert_eq!(resolution([small.as_slice()].into_iter()), Some(8.0));
@@ -173,24 +183,27 @@ mod tests {
             let (mut with, mut without) = (Vec::new(), Vec::new());
             for _ in 0..20 {
                 let fits: Vec<(f64, Sine)> = (0..SETTINGS)
-                    .map(|_| {
+                    .map(|setting| {
                         let (amplitude, phase, offset) =
                             (30.0 + 40.0 * random.uniform(), TAU * random.uniform(), random.uniform());
-                        let field = |n: &u64| amplitude * (sine::phase(frequency, RATE, *n) + phase).sin() + offset;
+                        // One of the settings drifts by twenty steps, which is not the noise of the others.
+                        let drift = if setting == 0 { 0.01 } else { 0.0 };
+                        let field =
+                            |n: &u64| amplitude * (sine::phase(frequency, RATE, *n) + phase).sin() + offset + drift * *n as f64;
                         let readings: Vec<f64> = n.iter().map(|n| (field(n) + noise * random.gaussian()).round()).collect();
                         (amplitude, sine::three(&n, &readings, frequency, RATE).expect("a sine"))
                     })
                     .collect();
                 let rounded = |sine| Some(Rounded { n: &n, frequency_hz: frequency, rate_hz: RATE, sine });
                 let sines: Vec<Option<Rounded>> = fits.iter().map(|(_, sine)| rounded(sine)).collect();
-                for ((amplitude, fit), rounded) in fits.iter().zip(amplitude_stds(1.0, &sines)) {
+                for ((amplitude, fit), rounded) in fits.iter().zip(amplitude_stds(1.0, &sines)).skip(1) {
                     with.push((fit.amplitude - amplitude) / rounded.hypot(fit.amplitude_std));
                     without.push((fit.amplitude - amplitude) / fit.amplitude_std);
                 }
             }
             let rms = |pulls: &[f64]| (pulls.iter().map(|pull| pull * pull).sum::<f64>() / pulls.len() as f64).sqrt();
             let [with, without] = [rms(&with), rms(&without)];
-            // Of 200 values an rms is known to 5 %. Phases that drift through all have errors that partly cancel.
+            // Of 180 values an rms is known to 5 %. Phases that drift through all have errors that partly cancel.
             assert!(with < 1.15 && with > if is_few { 0.85 } else { 0.6 }, "{frequency} {noise}: {with} {without}");
             assert!(noise > 0.15 || !is_few || without > 3.0, "{frequency} {noise}: {without}");
         }

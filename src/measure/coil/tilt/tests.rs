@@ -113,3 +113,9 @@ fn mountings_beside_the_nominal_orientation_do_not_disturb() {
     // 0.3 degrees times 1e-3 and 40 nT are 5e-6 and 0.2 nT, five times the noise.
     assert!(without > 2.0, "{without}: the rotations matter here");
 }
+
+#[test]
+fn an_uncertainty_that_nothing_tells_is_not_zero() {
+    assert!(root_of(f64::NAN).is_nan());
+    assert_eq!([root_of(-1e-30), root_of(4.0)], [0.0, 2.0]);
+}
