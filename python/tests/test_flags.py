@@ -39,10 +39,14 @@ def test_every_file_has_its_range(tmp_path):
     assert flags.tolist() == [1, 0, 0, 1]
     opf = make.opf() | {"conditions": {"sensor_degc": [19.0, 20.0, 21.0]}}
     p = calfit.read(make.put(tmp_path, "A.TPF", make.tpf()), make.put(tmp_path, "A.OPF", opf))
-    _, _, flags = p.apply(*repeated(4), [18.9, 19.0, 21.0, 21.1])
+    _, _, flags = p.apply(*repeated(4), [19.4, 19.5, 20.5, 20.6])
+    # The run moved by 2 K: its offset is that at 20 degrees.
     assert flags.tolist() == [1, 0, 0, 1]
     with pytest.raises(calfit.Refused, match=r"A\.OPF.*conditions\.sensor_degc"):
         p.apply(*RAW, 30.0, outside="error")
+    opf = make.opf() | {"conditions": {"sensor_degc": [19.6, 20.0, 20.5]}}
+    p = calfit.read(make.put(tmp_path, "A.TPF", make.tpf()), make.put(tmp_path, "B.OPF", opf))
+    assert p.apply(*repeated(4), [19.5, 19.6, 20.5, 20.6])[2].tolist() == [1, 0, 0, 1]
 
 
 def test_a_run_needs_no_temperature(tmp_path):

@@ -145,6 +145,8 @@ def test_files_that_do_not_belong_together(tmp_path):
     refused(lambda: calfit.read(tpf, other), "OTHER.opf", "sensor", "is `FM 2`, that of")
     other = at("OTHER.tof", make.changed(make.tof(), "channel", "T60"))
     refused(lambda: calfit.read(tpf, other), "OTHER.tof", "channel", "is `T60`, that of")
+    other = at("OTHER.OPF", make.opf() | {"conditions": {"sensor_channel": "T60", "sensor_degc": [20.0, 20.0, 20.0]}})
+    refused(lambda: calfit.read(tpf, other), "OTHER.OPF", "conditions.sensor_channel", "is `T60`, that of")
     refused(lambda: calfit.read(tpf, tof, opf), "GOOD.opf", "format", "a second offset")
     refused(lambda: calfit.read(cpf, opf), "GOOD.opf", "format", "a second offset")
     refused(lambda: calfit.read(tcf, tof), "GOOD.tof", "format", "a second offset")

@@ -150,3 +150,10 @@ def test_files_of_version_1_are_read_by_their_rules_or_refused_with_the_reason()
     # What the sensor reads comes back.
     field = [1000.0, -2000.0, 3000.0]
     np.testing.assert_allclose(p.apply(*make.reading(field, sigma, xi, offset), t)[0], field, rtol=1e-12)
+
+
+def test_a_part_that_goes_after_the_thermistor_is_told(tmp_path):
+    late = make.tpf() | {"thermistor_lag": {"form": "delay", "lag_s": 480.0}}
+    notes = calfit.read(make.put(tmp_path, "L.TPF", late)).notes
+    assert any("goes after the thermistor with a delay of 480.0 s" in note for note in notes)
+    assert not any("thermistor" in note for note in calfit.read(make.put(tmp_path, "A.TPF", make.tpf())).notes)

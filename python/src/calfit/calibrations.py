@@ -507,6 +507,10 @@ class PolynomialOffset:
         return self._polynomials.values(t), self._terms
 
 
+#: A sensor whose temperature moves by less during a run is at rest, K.
+_AT_REST_K = 1.0
+
+
 class MeasuredOffset:
     """The offset of one measurement in several positions, OPF."""
 
@@ -524,7 +528,11 @@ class MeasuredOffset:
         spread = document.numbers("conditions.sensor_degc", (3,))
         self.ranges = []
         if spread is not None:
-            self.ranges.append(Range(document.file, "conditions.sensor_degc", float(spread[0]), float(spread[2])))
+            low, mean, high = (float(degc) for degc in spread)
+            # Of a sensor that moves the offset is that at the mean temperature, and holds for what counts as rest about it.
+            if high - low > _AT_REST_K:
+                low, high = mean - 0.5 * _AT_REST_K, mean + 0.5 * _AT_REST_K
+            self.ranges.append(Range(document.file, "conditions.sensor_degc", low, high))
 
     def _stated(self, document: Document) -> np.ndarray:
         names = [f"offset_{axis}" for axis in AXES]

@@ -123,6 +123,11 @@ class Parameters:
                 f"{document.file} holds for the field beside the centre of the coil system, which is not that of its settings; "
                 "apply the TCF, whose sensitivities are those at the centre"
             )
+        if (form := document.text("thermistor_lag.form")) is not None:
+            self.notes.append(
+                f"the temperatures of {document.file} are those of a part of the sensor that goes after the thermistor with a {form} of "
+                f"{document.get('thermistor_lag.lag_s')} s: those given to apply have to be of this part"
+            )
         if self.offset == "b_or":
             self.notes.append(
                 f"{document.file}: the offset is b_or, that of the sensor and the residual field of the facility together"
@@ -392,10 +397,11 @@ def _together(documents: list[Document]) -> None:
         if wanted != stated:
             rule = f"is `{stated}`, that of {main[0].file} is `{wanted}`"
             raise offsets[0].refuse(key, rule, "name files of one sensor in one mode")
-    channels = [d.text("channel") for d in (main[0], offsets[0]) if d.format != "OPF"]
-    if len(channels) == 2 and channels[0] != channels[1]:
+    keys = ["conditions.sensor_channel" if d.format == "OPF" else "channel" for d in (main[0], offsets[0])]
+    channels = [d.text(key) for d, key in zip((main[0], offsets[0]), keys)]
+    if channels[0] != channels[1] and None not in channels:
         rule = f"is `{channels[1]}`, that of {main[0].file} is `{channels[0]}`"
-        raise offsets[0].refuse("channel", rule, "name files whose temperatures are of one thermistor")
+        raise offsets[0].refuse(keys[1], rule, "name files whose temperatures are of one thermistor")
 
 
 def _effects(documents: list[Document]) -> Refused | None:
