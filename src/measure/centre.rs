@@ -85,14 +85,16 @@ pub fn together(runs: &[&CalibratedRun], near_degc: Option<f64>) -> Option<(Cali
         Some(near) => temperatures.sort_by(|a, b| (a - near).abs().total_cmp(&(b - near).abs())),
         None => temperatures.sort_by_key(|t| std::cmp::Reverse(beside(*t).count())),
     }
-    let used: Vec<&CalibratedRun> = beside(*temperatures.first()?).copied().collect();
+    let mut used: Vec<&CalibratedRun> = beside(*temperatures.first()?).copied().collect();
+    // Values of readings that were made straight are no values of raw ones.
+    let first = *used.first()?;
+    used.retain(|p| LinearScope::common(scope_of(first).into_iter().chain(scope_of(p))).is_ok());
     let files: Vec<String> = used.iter().map(|p| p.file.clone()).collect();
     let left_out: Vec<&str> = runs.iter().map(|p| p.file.as_str()).filter(|file| !files.iter().any(|f| f == file)).collect();
     let note = (!left_out.is_empty()).then(|| {
         let text = format!("{} took no part: at the centre, {} was used", left_out.join(", "), files.join(", "));
         Note::new(NoteKind::LeftOut, text)
     });
-    let first = *used.first()?;
     let mean = |get: &dyn Fn(&RunValues) -> Option<Triple>| -> Option<Triple> {
         Some(weighted_mean(&used.iter().map(|p| get(&p.values)).collect::<Option<Vec<Triple>>>()?))
     };
@@ -103,7 +105,9 @@ pub fn together(runs: &[&CalibratedRun], near_degc: Option<f64>) -> Option<(Cali
         point.run.id = used.iter().map(|p| p.run.id.as_str()).collect::<Vec<_>>().join(", ");
         point.run.temperature_degc = Some(used.iter().filter_map(|p| degc(p)).sum::<f64>() / used.len() as f64);
         match &mut point.values {
-            RunValues::Lin { sigma, xi_deg, std, .. } => {
+            RunValues::Lin { sigma, xi_deg, std, scope: own, common, .. } => {
+                **own = LinearScope::common(used.iter().filter_map(|p| scope_of(p))).ok()?;
+                *common = mean_change(&used);
                 (*sigma, std[0]) = mean(&|v| match v {
                     RunValues::Lin { sigma, std, .. } => Some((*sigma, std[0])),
                     _ => None,
@@ -123,6 +127,37 @@ pub fn together(runs: &[&CalibratedRun], near_degc: Option<f64>) -> Option<(Cali
         }
     }
     Some((point, files, note))
+}
+
+/// What a linearity run holds for.
+fn scope_of(run: &CalibratedRun) -> Option<&LinearScope> {
+    match &run.values {
+        RunValues::Lin { scope, .. } => Some(scope),
+        _ => None,
+    }
+}
+
+/// What moves the mean of linearity runs together: of every source the mean of its changes, none in the runs that do not share it. `None` where one
+/// does not tell.
+fn mean_change(runs: &[&CalibratedRun]) -> Option<Vec<CommonChange>> {
+    let mut mean: Vec<CommonChange> = Vec::new();
+    let share = (runs.len() as f64).recip();
+    for run in runs {
+        let RunValues::Lin { common, .. } = &run.values else { continue };
+        for one in common.as_ref()? {
+            let [sigma, xi_deg, b_or_ent] = one.all().map(|change| change.map(|value| value * share));
+            match mean.iter_mut().find(|known| known.source == one.source) {
+                Some(known) => {
+                    for (sum, change) in [(&mut known.sigma, sigma), (&mut known.xi_deg, xi_deg), (&mut known.b_or_ent, b_or_ent)]
+                    {
+                        (0..3).for_each(|i| sum[i] += change[i]);
+                    }
+                }
+                None => mean.push(CommonChange { source: one.source.clone(), sigma, xi_deg, b_or_ent }),
+            }
+        }
+    }
+    Some(mean)
 }
 
 /// Values of three components with their standard uncertainties, if those are known.
@@ -284,10 +319,7 @@ pub fn centre(beside: &OffCentre, pair: Pair) -> Result<AtCentre, CentreError> {
 
 /// What the polynomials at the centre hold for: the runs beside it and at it.
 fn scope(beside: &OffCentre, pair: &Pair) -> Result<LinearScope, CentreError> {
-    let own = [Some(pair.centre), pair.off_centre].into_iter().flatten().filter_map(|run| match &run.values {
-        RunValues::Lin { scope, .. } => Some(scope.as_ref()),
-        _ => None,
-    });
+    let own = [Some(pair.centre), pair.off_centre].into_iter().flatten().filter_map(scope_of);
     LinearScope::common(std::iter::once(&beside.scope).chain(own))
         .map_err(|error| CentreError::Linearised { centre: pair.centre.file.clone(), error })
 }

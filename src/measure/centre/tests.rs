@@ -77,3 +77,25 @@ fn an_error_of_the_facility_counts_once_at_the_centre() {
         assert!(found.k_std.unwrap()[0] < 2.0 * TYPE_A, "{:?}", found.k_std);
     }
 }
+
+#[test]
+fn runs_at_the_centre_have_a_mean_of_what_moves_them_together() {
+    let change = |source: &str, sigma: f64| CommonChange {
+        source: source.to_owned(),
+        sigma: [sigma; 3],
+        xi_deg: [0.0; 3],
+        b_or_ent: [0.0; 3],
+    };
+    let of = |id: &str, changes: Vec<CommonChange>| {
+        let mut run = run(id);
+        run.run.temperature_degc = Some(20.0);
+        let RunValues::Lin { common, .. } = &mut run.values else { panic!("a linearity run") };
+        *common = Some(changes);
+        run
+    };
+    let runs = [of("a", vec![change("scale", 2e-6)]), of("b", vec![change("scale", 4e-6), change("angle", 1e-6)])];
+    let (mean, files, _) = together(&runs.each_ref(), None).expect("a mean");
+    let RunValues::Lin { common, .. } = &mean.values else { panic!("a linearity run") };
+    assert_eq!(files.len(), 2);
+    assert_eq!(common.as_deref(), Some(&[change("scale", 3e-6), change("angle", 0.5e-6)][..]));
+}
