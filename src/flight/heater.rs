@@ -240,8 +240,8 @@ pub fn find(cells: &Cells, classes: &[HeaterClass], options: &HeaterOptions) -> 
         found
     };
     let evidence = Evidence { increments: &increments, background: &course.background, profile };
-    evidence.spread(&mut course.edges, &vectors);
     let innovations = course.background.innovations(&evidence.without(&course.edges, &vectors));
+    evidence.spread(&mut course.edges, &vectors, &innovations);
     let jumps = course.edges.iter().map(|edge| {
         let height = evidence.height(*edge, vectors[edge.heater], &innovations);
         let (height, std_nt) = height.map_or(([f64::NAN; 3], [f64::NAN; 3]), |(height, covariance)| {

@@ -108,9 +108,8 @@ impl Evidence<'_> {
 
     /// Gives every edge the standard deviation of its place with those of the edges near it free: [`Self::refine`] states what it is with the others
     /// where they are, and of two heaters that switch together each may make up for what the other lacks.
-    pub fn spread(&self, edges: &mut [Edge], vectors_nt: &[Vector3<f64>]) {
-        let innovations = self.background.innovations(self.increments);
-        let slope = |edge: &Edge| self.slope(*edge, vectors_nt[edge.heater] * edge.sign(), &innovations);
+    pub fn spread(&self, edges: &mut [Edge], vectors_nt: &[Vector3<f64>], innovations: &[Vector3<f64>]) {
+        let slope = |edge: &Edge| self.slope(*edge, vectors_nt[edge.heater] * edge.sign(), innovations);
         let own: Vec<(usize, Vec<Vector3<f64>>)> = edges.iter().map(slope).collect();
         let product = |i: usize, j: usize| {
             let ((first, of_i), (other, of_j)) = (&own[i], &own[j]);
@@ -340,7 +339,7 @@ mod tests {
             let factor = (1.0 - both * both / (own * other)).sqrt().recip();
             [edges[0].std_cells, edges[1].std_cells] = [own, other].map(|precision: f64| precision.sqrt().recip());
             let mut free = edges;
-            evidence.spread(&mut free, &vectors);
+            evidence.spread(&mut free, &vectors, &background.innovations(&increments));
             for (alone, free) in edges.iter().zip(&free) {
                 let found = free.std_cells / alone.std_cells;
                 assert!((found / factor - 1.0).abs() < 1e-6, "{apart} {on}: {found} {factor}");

@@ -74,6 +74,10 @@ pub(super) fn rates(
 fn rate(mut packets: Vec<Packet>, start_hz: f64) -> Result<CommonRate, RateRefusal> {
     let first = sine::common_rate(&packets, start_hz)?;
     let Some(step) = rounding::resolution(packets.iter().map(|packet| packet.y)) else { return Ok(first) };
+    // As in most runs: the noise averages the rounding, and no sine has to be fitted once more to see it.
+    if first.packets.iter().all(|packet| packet.residual_std.is_nan() || packet.residual_std > step) {
+        return Ok(first);
+    }
     let mut found = first;
     for _ in 0..ROUNDS {
         let sines: Vec<Option<Sine>> =
@@ -83,9 +87,6 @@ fn rate(mut packets: Vec<Packet>, start_hz: f64) -> Result<CommonRate, RateRefus
             Some(Rounded { n, frequency_hz, rate_hz: found.rate_hz, sine: sine.as_ref()? })
         });
         let stds = rounding::amplitude_stds(step, &rounded.collect::<Vec<_>>());
-        if stds.iter().all(|std| *std == 0.0) {
-            break;
-        }
         // White noise of the readings that does the same to the amplitude, and so to the phase.
         packets.iter_mut().zip(stds).for_each(|(packet, std)| packet.least_std = std * (0.5 * packet.n.len() as f64).sqrt());
         found = sine::common_rate(&packets, start_hz)?;
