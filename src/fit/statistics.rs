@@ -73,6 +73,11 @@ pub fn log_chi2_tail(chi2: f64, dof: f64) -> f64 {
     if direct > 1e-280 { direct.ln() } else { (0.5 * dof - 1.0) * (0.5 * chi2).ln() - 0.5 * chi2 - ln_gamma(0.5 * dof) }
 }
 
+/// The standard deviation of a variance: zero of one that rounding made negative, and nan of one that nothing tells, which `max` would turn into zero.
+pub fn std_of(variance: f64) -> f64 {
+    if variance < 0.0 { 0.0 } else { variance.sqrt() }
+}
+
 /// The median, which of an even number of values is the upper of the two in the middle; NaN of nothing. It reorders the values.
 #[must_use]
 pub fn median(values: &mut [f64]) -> f64 {

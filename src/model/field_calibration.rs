@@ -16,6 +16,7 @@ use crate::data::flags::Flags;
 use crate::data::linearisation::LinearisationPolynomials;
 use crate::data::units::{COMPONENTS, Reading};
 use crate::fit::propagate::block_diagonal;
+use crate::fit::statistics::std_of;
 use nalgebra::{DMatrix, Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -475,8 +476,7 @@ impl FieldCalibration {
             // A polynomial of a pair holds both of its places in the covariance already.
             variance += product * value(&pair.polynomial, degc);
         }
-        // Rounding may make a variance near zero negative; `max` would turn NaN into zero.
-        variance.map(|v| if v < 0.0 { 0.0 } else { v.sqrt() }).into()
+        variance.map(std_of).into()
     }
 }
 

@@ -10,7 +10,7 @@
 use super::{ANGLES, AXES, CoilError};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
-use crate::fit::statistics::{chi2_tail, fisher_tail};
+use crate::fit::statistics::{chi2_tail, fisher_tail, std_of};
 use crate::fit::{FitError, Limits, linear};
 use crate::model::facility::FacilityParameters;
 use crate::model::facility_calibration::{SensorValues, TiltFound, TiltOrientation};
@@ -447,11 +447,6 @@ fn corrected(own: &Oriented, solved: &[Solved; 3], stated: &FacilityParameters) 
     }
 }
 
-/// The root of a variance; one that rounding made negative is zero, and one that nothing tells stays so.
-fn root_of(variance: f64) -> f64 {
-    if variance < 0.0 { 0.0 } else { variance.sqrt() }
-}
-
 /// The facility with its corrections, and its standard uncertainties.
 fn corrected_facility(
     before: &FacilityParameters,
@@ -459,7 +454,7 @@ fn corrected_facility(
 ) -> (FacilityParameters, FacilityParameters) {
     let add = |a: [f64; 3], b: [f64; 3]| -> [f64; 3] { std::array::from_fn(|i| a[i] + b[i]) };
     let scaled: [f64; 3] = std::array::from_fn(|k| before.scale_nt_per_eu[k] * scale.facility[k].exp());
-    let root = |s: &Solved| -> [f64; 3] { std::array::from_fn(|k| root_of(s.covariance[(k, k)])) };
+    let root = |s: &Solved| -> [f64; 3] { std::array::from_fn(|k| std_of(s.covariance[(k, k)])) };
     let after = FacilityParameters {
         scale_nt_per_eu: scaled,
         offset_nt: add(before.offset_nt, offset.facility),

@@ -116,6 +116,6 @@ fn mountings_beside_the_nominal_orientation_do_not_disturb() {
 
 #[test]
 fn an_uncertainty_that_nothing_tells_is_not_zero() {
-    assert!(root_of(f64::NAN).is_nan());
-    assert_eq!([root_of(-1e-30), root_of(4.0)], [0.0, 2.0]);
+    assert!(std_of(f64::NAN).is_nan());
+    assert_eq!([std_of(-1e-30), std_of(4.0)], [0.0, 2.0]);
 }
