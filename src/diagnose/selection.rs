@@ -5,6 +5,7 @@
 //! than `k ± 1.96`.
 
 use crate::fit::scalar::bisect;
+use crate::fit::statistics::std_of;
 use statrs::distribution::{ContinuousCDF, Normal};
 
 /// So far above the threshold selection does not matter.
@@ -25,7 +26,7 @@ pub fn corrected(values: &[(f64, f64)], strength: f64, least: f64) -> Vec<(f64, 
     // Of the variance of a parameter, the part along the effect itself changes.
     let of = |(value, std): &(f64, f64)| {
         let along = (value / strength).powi(2);
-        (middle * value, (std * std + along * (width * width - 1.0)).max(0.0).sqrt())
+        (middle * value, std_of(std * std + along * (width * width - 1.0)))
     };
     values.iter().map(of).collect()
 }

@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 
+use super::statistics::std_of;
 use super::{FitError, require_finite, require_length};
 
 /// Steps of the ladder, each a quarter of the one before: eight decades.
@@ -56,7 +57,7 @@ pub fn propagate(f: impl Fn(&[f64]) -> Vec<f64>, x: &[f64], covariance: &DMatrix
     require_finite("values of the function", &values, values.len())?;
     let mut jacobian = DMatrix::zeros(values.len(), x.len());
     for j in 0..x.len() {
-        let std = covariance[(j, j)].max(0.0).sqrt();
+        let std = std_of(covariance[(j, j)]);
         if std > 0.0 {
             let derivatives = differentiate(&f, x, j, 0.125 * std.max(x[j].abs()), values.len())?;
             jacobian.column_mut(j).copy_from_slice(&derivatives);
@@ -64,7 +65,7 @@ pub fn propagate(f: impl Fn(&[f64]) -> Vec<f64>, x: &[f64], covariance: &DMatrix
     }
     let covariance = &jacobian * covariance * jacobian.transpose();
     require_finite("propagated covariance", covariance.as_slice(), values.len())?;
-    let std = covariance.diagonal().iter().map(|variance| variance.max(0.0).sqrt()).collect();
+    let std = covariance.diagonal().iter().copied().map(std_of).collect();
     Ok(Propagated { values, covariance, std })
 }
 

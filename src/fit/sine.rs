@@ -26,6 +26,7 @@ use std::ops::RangeInclusive;
 use nalgebra::DMatrix;
 
 use super::double_double::DoubleDouble;
+use super::statistics::std_of;
 
 /// Cycles of the sine, and of its alias around 0 and half of the rate, which a fit asks for: a setting of one nominal period
 /// may lose a fifth of it at its ends.
@@ -307,8 +308,8 @@ fn finish(fit: &mut Fit, frequency_hz: f64, rss: f64, dof: usize, covariance: DM
         residual_std: (rss / dof as f64).sqrt(),
         dof,
         rss,
-        amplitude_std: (s * s * v_ss + 2.0 * s * c * v_sc + c * c * v_cc).max(0.0).sqrt(),
-        phase_std_rad: (c * c * v_ss - 2.0 * s * c * v_sc + s * s * v_cc).max(0.0).sqrt() / amplitude,
+        amplitude_std: std_of(s * s * v_ss + 2.0 * s * c * v_sc + c * c * v_cc),
+        phase_std_rad: std_of(c * c * v_ss - 2.0 * s * c * v_sc + s * s * v_cc) / amplitude,
         offset_std: covariance[(2, 2)].sqrt(),
         frequency_std_hz: if covariance.nrows() > 3 { covariance[(3, 3)].sqrt() } else { 0.0 },
         covariance,

@@ -35,6 +35,7 @@ mod states;
 mod table;
 mod unlisted;
 
+use crate::fit::statistics::std_of;
 use std::ops::Range;
 
 pub use crate::files::flight::auxiliary::HeaterOn;
@@ -245,7 +246,7 @@ pub fn find(cells: &Cells, classes: &[HeaterClass], options: &HeaterOptions) -> 
     let jumps = course.edges.iter().map(|edge| {
         let height = evidence.height(*edge, vectors[edge.heater], &innovations);
         let (height, std_nt) = height.map_or(([f64::NAN; 3], [f64::NAN; 3]), |(height, covariance)| {
-            (height.into(), covariance.diagonal().map(|variance| variance.max(0.0).sqrt()).into())
+            (height.into(), covariance.diagonal().map(std_of).into())
         });
         Jump {
             time_tt2000: cells.time_tt2000(edge.cell),

@@ -16,6 +16,7 @@ use crate::data::across::{CalibratedRun, CentreResidual, CommonChange, LinearSco
 use crate::data::convention::{Alignment, Convention};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Rows;
+use crate::fit::statistics::std_of;
 use crate::fit::{FitError, propagate};
 use crate::measure::thermal::SAME_DEGC;
 use crate::model::alignment::{AlignmentPolynomials, Through, nodes_degc};
@@ -529,7 +530,7 @@ impl Members<'_> {
         let xi_deg = found.centre.polynomials.xi_deg.each_ref().map(&mut next);
         let beside_xi_deg = found.beside.polynomials.xi_deg.each_ref().map(&mut next);
         let beside_sigma = found.beside.polynomials.sigma.each_ref().map(&mut next);
-        let std = |from: usize| covariance.as_ref().map(|c| std::array::from_fn(|i| c[(from + i, from + i)].max(0.0).sqrt()));
+        let std = |from: usize| covariance.as_ref().map(|c| std::array::from_fn(|i| std_of(c[(from + i, from + i)])));
         // Sensitivities and angles at the centre, angles beside it, and K⁻¹: what a ground calibration file takes.
         let (beside_sigma_from, k_inverse_from) = (at - 3 * beside_sigma[0].coefficients.len(), at + 3);
         let places: Vec<usize> = (0..beside_sigma_from).chain(k_inverse_from..k_inverse_from + 9).collect();
@@ -598,7 +599,7 @@ impl Members<'_> {
 /// Keeps the standard uncertainty of element `at` for a component, as long as all components have one.
 fn keep_std(all: &mut Option<[f64; 3]>, component: usize, covariance: Option<&DMatrix<f64>>, at: usize) {
     *all = all.zip(covariance).map(|(mut all, c)| {
-        all[component] = c[(at, at)].max(0.0).sqrt();
+        all[component] = std_of(c[(at, at)]);
         all
     });
 }

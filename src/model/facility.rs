@@ -6,6 +6,7 @@ use crate::data::note::Note;
 use crate::data::provenance::Input;
 use crate::data::result::Covariance;
 use crate::data::start::Start;
+use crate::fit::statistics::std_of;
 use nalgebra::{DMatrix, SymmetricEigen};
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -181,7 +182,7 @@ impl Period {
         let count = covariance.parameters.len();
         let given = DMatrix::from_fn(count, count, |r, c| covariance.matrix[r][c]);
         // The parameters have units of very different sizes: the directions are those of the correlations.
-        let std: Vec<f64> = (0..count).map(|i| given[(i, i)].max(0.0).sqrt()).collect();
+        let std: Vec<f64> = (0..count).map(|i| std_of(given[(i, i)])).collect();
         let inverse = |i: usize| if std[i] > 0.0 { 1.0 / std[i] } else { 0.0 };
         let correlation = DMatrix::from_fn(count, count, |r, c| given[(r, c)] * inverse(r) * inverse(c));
         let eigen = SymmetricEigen::new(correlation);

@@ -4,6 +4,7 @@ use super::document::{Block, Cell, Section, Table, Text, cells};
 use super::remarks;
 use crate::data::across::RunResidualFields;
 use crate::data::units::counted;
+use crate::fit::statistics::std_of;
 use crate::measure::joint::QUANTITIES;
 use crate::measure::thermal::{Corner, Kind, LinAcross, OfKind, QuantityFit, RunsUsed, SamplingAcross, Thermal};
 use crate::model::polynomial::TemperaturePolynomial;
@@ -221,7 +222,7 @@ fn joint(thermal: &Thermal, lin: &LinAcross) -> Option<Section> {
     let mut table = Table::new(["quantity", "k", "two steps", "joint fit", "difference, standard uncertainties"]);
     for (name, polynomial) in QUANTITIES.into_iter().zip(&joint.polynomials) {
         // Both rest on the same runs and the same facility, so that only what the scatter tells may make them differ.
-        let std = |p: &TemperaturePolynomial, k: usize| p.covariance.get((k, k)).copied().unwrap_or(f64::NAN).max(0.0).sqrt();
+        let std = |p: &TemperaturePolynomial, k: usize| std_of(p.covariance.get((k, k)).copied().unwrap_or(f64::NAN));
         let two_steps = thermal.quantity(name).map(|q| &q.polynomial);
         for (k, value) in polynomial.coefficients.iter().enumerate() {
             let two = two_steps.and_then(|p| p.coefficients.get(k)).copied().unwrap_or(f64::NAN);

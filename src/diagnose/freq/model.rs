@@ -2,6 +2,7 @@
 
 use super::sines::Sines;
 use crate::fit::scan::orthonormal;
+use crate::fit::statistics::std_of;
 use crate::model::effects::EffectRef;
 use crate::model::effects::in_sine::{POLES_HZ, SineTerm, Triple};
 use crate::model::effects::time_shift::{self, TimeShift};
@@ -297,7 +298,7 @@ impl Fit {
     /// Standard uncertainty of a parameter at noise of 1. Where the prediction bends, as it does with a part of the field of nearly 1 of which
     /// amplitudes show the square of what is left, no slope tells it: it is no more than what makes a chi square of 1, all others fitted again.
     pub fn std(&self, parameter: usize, sines: &Sines) -> Option<f64> {
-        let by_slope = self.covariance()?[(parameter, parameter)].max(0.0).sqrt();
+        let by_slope = std_of(self.covariance()?[(parameter, parameter)]);
         let others = orthonormal(&self.jacobian.clone().remove_column(parameter), None, INDEPENDENT);
         let chi2 = |by: f64| {
             let mut moved = self.p.clone();

@@ -4,6 +4,7 @@ use super::{Means, MeansModel, with_shape};
 use crate::diagnose::candidate::Candidate;
 use crate::fit::noise::NoiseParameters;
 use crate::fit::noise::state_space::Noise;
+use crate::fit::statistics::std_of;
 use crate::model::effects::offset_drift::{self, OffsetDrift};
 use crate::model::effects::{EffectRef, Spec};
 use nalgebra::{DMatrix, DVector};
@@ -185,7 +186,7 @@ fn of_terms(
     terms: &[&Candidate],
     slopes: &[Option<DVector<f64>>],
 ) -> Vec<Vec<(f64, f64)>> {
-    let std = |j: usize| covariance[(j, j)].max(0.0).sqrt();
+    let std = |j: usize| std_of(covariance[(j, j)]);
     let mut at = values.len() - terms.iter().map(|t| t.columns.ncols()).sum::<usize>();
     let mut shape_at = values.len();
     let of = |(term, slope): (&&Candidate, &Option<DVector<f64>>)| {

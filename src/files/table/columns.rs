@@ -1,5 +1,6 @@
 //! Tables of other software, Parquet and Arrow IPC, whole: their columns with the types that they have, times among them.
 
+use super::footer::lists_fit;
 use super::frames::Pieces;
 use super::guard::guarded;
 use crate::data::error::Finding;
@@ -65,6 +66,9 @@ impl ParquetFile {
     pub(super) fn open(path: &Path) -> Result<Self, Finding> {
         let mut file = open(path)?;
         let (metadata, mut schema) = guarded(path, || {
+            if !lists_fit(&mut file).map_err(|e| refuse(path, &e))? {
+                return Err(refuse(path, &"its footer contradicts itself"));
+            }
             let metadata = read_metadata(&mut file).map_err(|e| refuse(path, &e))?;
             let schema = infer_schema(&metadata).map_err(|e| refuse(path, &e))?;
             Ok((metadata, schema))

@@ -1,6 +1,7 @@
 //! Tables as CSV and Parquet, through polars; its types appear here only.
 
 pub mod columns;
+mod footer;
 mod frames;
 mod guard;
 pub mod long;

@@ -1,5 +1,6 @@
 //! Edges, what they look like in increments and innovations, and what the innovations say of class vectors and times.
 
+use crate::fit::statistics::std_of;
 use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -274,7 +275,7 @@ impl Normal {
         if let Some(cholesky) = part.cholesky() {
             let (vector, covariance) = (cholesky.solve(&right), cholesky.inverse());
             for (place, &heater) in known.iter().enumerate() {
-                let std = Vector3::from_fn(|c, _| covariance[(3 * place + c, 3 * place + c)].max(0.0).sqrt());
+                let std = Vector3::from_fn(|c, _| std_of(covariance[(3 * place + c, 3 * place + c)]));
                 solution[heater] = Some((vector.fixed_rows::<3>(3 * place).into_owned(), std));
             }
         }

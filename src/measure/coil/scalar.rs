@@ -259,8 +259,9 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
         let beside = beside_the_fit(&calibration, &thermal, &first.solution, runs, &climate);
         explain(&rows, &counts, &thermal, |step, taken| scatter::is_beyond(step, taken, &beside, thermal.count()))
     } else {
-        Explained { terms: thermal, hypotheses: Vec::new(), undecided: None, scatters: [false; scatter::FAMILIES.len()] }
+        Explained::by(thermal)
     };
+    notes.extend(explained.note());
     notes.extend(scatter::instead_of_steps(explained.scatters));
     let terms = &explained.terms;
     let fitted = fit(&rows, terms, if *terms == Terms::constant() { MOST_CONDITION } else { MOST_THERMAL_CONDITION })?;

@@ -5,6 +5,7 @@ use super::jackknife::{Replicate, jackknife};
 use super::prepared::Prepared;
 use super::result::{Explained, Fitted, ModelCorner};
 use super::rows::Amplitude;
+use crate::fit::statistics::std_of;
 use crate::model::response::Response;
 use nalgebra::DVector;
 
@@ -28,7 +29,7 @@ pub(super) fn describe(
     let covariance = outcome.covariance(&prepared.data, explained);
     let slopes: Vec<f64> = std::iter::once(0.0).chain(response.corner_slopes(outcome.corner_hz, &outcome.shape)).collect();
     let slopes = DVector::from_vec(slopes);
-    let linearised_std_hz = outcome.corner_hz * (slopes.transpose() * &covariance * &slopes)[(0, 0)].max(0.0).sqrt();
+    let linearised_std_hz = outcome.corner_hz * std_of((slopes.transpose() * &covariance * &slopes)[(0, 0)]);
     let corners: Vec<f64> = replicates.iter().filter_map(|replicate| replicate.corner_hz[component]).collect();
     let jackknife_std_hz = jackknife(&corners);
     let values = outcome.values(prepared.dc);
@@ -36,7 +37,7 @@ pub(super) fn describe(
         let column: Vec<f64> =
             replicates.iter().filter_map(|replicate| replicate.values[component].as_ref()?.get(j).copied()).collect();
         // Of a logarithm: the relative standard deviation.
-        (values[j] * covariance[(j, j)].max(0.0).sqrt()).max(jackknife(&column))
+        (values[j] * std_of(covariance[(j, j)])).max(jackknife(&column))
     };
     let fitted_ent: Vec<f64> = table.iter().map(|row| values[0] * response.value(row.frequency_hz, &outcome.shape)).collect();
     let residual_ent = table.iter().zip(&fitted_ent).map(|(row, fitted)| row.amplitude_ent[component] - fitted).collect();

@@ -5,7 +5,7 @@ use super::stay::{Stay, ids};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::units::COMPONENTS;
-use crate::fit::statistics::student_tail;
+use crate::fit::statistics::{std_of, student_tail};
 use crate::fit::{FitError, Limits, NORMAL_95, Solution, linear, student_95};
 use crate::record::conditions::{self, Within};
 use crate::record::screens::{self, Implausible};
@@ -73,7 +73,7 @@ impl Levels {
     /// Standard uncertainty of the reading of a visit, enT.
     pub fn std_ent(&self, visit: usize, component: usize) -> f64 {
         let index = component * (self.coefficients.nrows() / 3) + visit;
-        self.coefficients[(index, index)].max(0.0).sqrt()
+        std_of(self.coefficients[(index, index)])
     }
 
     /// Covariance of reading minus response times residual field, `component * visits + visit`: the measured response is uncertain,
@@ -132,7 +132,7 @@ impl<'a> Fitted<'a> {
         }
         let of = |i: usize| {
             let (value, at) = (self.solution.coefficients[(drift, i)], i * full + drift);
-            let std = covariance[(at, at)].max(0.0).sqrt();
+            let std = std_of(covariance[(at, at)]);
             (COMPONENTS[i], value, std)
         };
         let is_seen = |(_, value, std): &(&str, f64, f64)| {

@@ -8,7 +8,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::offset::{OffsetDrift, OffsetMethod, OffsetValues, RefusedComponent};
 use crate::data::result::Covariance;
 use crate::data::units::COMPONENTS;
-use crate::fit::statistics::extremes;
+use crate::fit::statistics::{extremes, std_of};
 use crate::fit::{FitError, Limits, Solution, linear, order};
 use crate::record::conditions;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -279,7 +279,7 @@ impl<'a> Answer<'a> {
     /// Value and standard uncertainty of a sum of parameters with factors.
     fn combined(&self, factor: impl Fn(usize) -> f64) -> (f64, f64) {
         let factors = DVector::from_fn(self.kept.len(), |at, _| factor(self.kept[at]));
-        (factors.dot(&self.values), factors.dot(&(&self.covariance * &factors)).max(0.0).sqrt())
+        (factors.dot(&self.values), std_of(factors.dot(&(&self.covariance * &factors))))
     }
 
     /// Value and standard uncertainty of the residual field that a component sees, enT: half the difference of what it sees in the

@@ -9,6 +9,7 @@ use super::{ANGLES, QUANTITIES};
 use crate::data::across::RunRotations;
 use crate::data::plateau::Plateau;
 use crate::fit::linear::check_condition;
+use crate::fit::statistics::std_of;
 use crate::fit::{DenseNoise, Design, FitError, Limits};
 use crate::measure::joint::{JointPlateau, JointRun, SensorFit, Trend, one_run};
 use crate::model::polynomial::TemperaturePolynomial;
@@ -193,7 +194,7 @@ pub(super) fn turning(fit: &SensorFit, covariance: &DMatrix<f64>, order: usize) 
     let block = |row: usize, column: usize| axis.dot(&(covariance.fixed_view::<3, 3>(row, column) * axis));
     let variance: f64 =
         odd.iter().flat_map(|row| odd.iter().map(move |column| (*row, *column))).map(|(r, c)| 4.0 * block(r, c)).sum();
-    Turning { order, angle_deg: angle.to_degrees(), std_deg: variance.max(0.0).sqrt().to_degrees() }
+    Turning { order, angle_deg: angle.to_degrees(), std_deg: std_of(variance).to_degrees() }
 }
 
 /// Temperatures through which a polynomial goes that errs least between them, °C.

@@ -8,6 +8,7 @@
 use super::scatter::FAMILIES;
 use super::terms::{CONSTANT, Modulus, Observation, Step, Terms};
 use super::{MOST_CONDITION, MOST_THERMAL_CONDITION, fit, start};
+use crate::data::note::{Note, NoteKind};
 use crate::fit::{Limits, NonlinearSolution, nonlinear};
 use crate::model::facility_calibration::{Explanation, ScalarHypothesis};
 use rayon::prelude::*;
@@ -29,6 +30,22 @@ pub(super) struct Explained {
     pub undecided: Option<Step>,
     /// Families of which a step was not taken, since a scatter of the calibrations explains them as well.
     pub scatters: [bool; FAMILIES.len()],
+}
+
+impl Explained {
+    /// By these terms alone, where nothing else can be looked for.
+    pub fn by(terms: Terms) -> Self {
+        Self { terms, hypotheses: Vec::new(), undecided: None, scatters: [false; FAMILIES.len()] }
+    }
+
+    /// Says that steps may be left which were not looked for.
+    pub fn note(&self) -> Option<Note> {
+        let text = format!(
+            "{MOST_STEPS} steps were found, and no more are looked for: others may be in the parameters and in their uncertainties"
+        );
+        let note = || Note::new(NoteKind::Fit, text).with_remedy("calibrate the periods between the steps by themselves");
+        (self.terms.steps.len() >= MOST_STEPS).then(note)
+    }
 }
 
 /// A fit to the rows that count, by its evidence.

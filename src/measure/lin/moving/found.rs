@@ -3,7 +3,7 @@
 
 use super::{Moving, PARAMETERS, Places, derivatives};
 use crate::data::calibration::{SlopeSource, SlopeStd, TemperatureSlopes};
-use crate::fit::statistics::chi2_tail;
+use crate::fit::statistics::{chi2_tail, std_of};
 use crate::model::campaign::SlopeBounds;
 use crate::model::sensor::Split;
 use crate::model::sensor_polynomials::SensorChange;
@@ -122,7 +122,7 @@ impl<'a> Found<'a> {
     }
 
     fn std(&self, index: usize) -> f64 {
-        self.covariance[(index, index)].max(0.0).sqrt()
+        std_of(self.covariance[(index, index)])
     }
 
     /// The slopes at the stated temperature.
