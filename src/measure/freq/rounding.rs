@@ -127,6 +127,11 @@ fn noise_steps(step: f64, settings: &[Option<Met>]) -> f64 {
     median(&mut settings.iter().flatten().map(of_setting).collect::<Vec<f64>>())
 }
 
+/// Standard deviation of the error of readings that are rounded to a step, over all that are rounded alike.
+pub(super) fn uniform_std(step: f64) -> f64 {
+    step / 12.0_f64.sqrt()
+}
+
 /// Standard deviation of the error of a rounded reading over all readings, in steps, that noise of a standard deviation in steps does not average.
 fn error_std(noise: f64) -> f64 {
     let term = |k: i32| ((-2.0 * (PI * f64::from(k) * noise).powi(2)).exp() / (PI * f64::from(k))).powi(2);

@@ -1,5 +1,6 @@
 //! The part of every setting that one sine describes in all components.
 
+use super::rounding;
 use super::samples::{LEAST_SAMPLES, Record};
 use crate::data::run::Setting;
 use crate::data::units::COMPONENTS;
@@ -105,7 +106,7 @@ struct Search<'a> {
     settled: &'a [Range<usize>],
     rate_hz: f64,
     cuts: Vec<Cut>,
-    /// Noise of a good setting per component, enT.
+    /// Noise of a good setting per component, and at least what rounding leaves of a reading, enT.
     floor_ent: [f64; 3],
     /// Smallest and largest reading of the run per component, enT.
     ends_ent: [[f64; 2]; 3],
@@ -119,7 +120,9 @@ impl<'a> Search<'a> {
         let floor_ent = std::array::from_fn(|i| {
             let mut all: Vec<f64> = cuts.iter().filter_map(|cut| cut.noise(i)).collect();
             all.sort_by(f64::total_cmp);
-            all.get(all.len() / 4).copied().unwrap_or(0.0)
+            let noise = all.get(all.len() / 4).copied().unwrap_or(0.0);
+            // Where few phases are met, the sine of a segment takes their rounding errors with it; in a longer stretch they remain.
+            noise.max(rounding::resolution(records.iter().map(|r| r.y[i].as_slice())).map_or(0.0, rounding::uniform_std))
         });
         let ends_ent = std::array::from_fn(|i| {
             let readings = || records.iter().flat_map(|r| r.y[i].iter().copied());
@@ -218,4 +221,54 @@ fn whole_periods(record: &Record, range: Range<usize>, frequency_hz: f64) -> Ran
     let end_s = first + periods / frequency_hz;
     let end = range.start + record.t_s[range.clone()].partition_point(|t| *t < end_s);
     if (range.end - end) as f64 <= WHOLE_PERIODS_PART * range.len() as f64 { range.start..end } else { range }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::units::FieldCoil;
+    use crate::fit::random::Random;
+    use std::f64::consts::TAU;
+
+    /// Sines at frequencies that meet few phases, and at some that drift through all, whose readings are rounded by more than their noise: nothing
+    /// of them is damaged, and a part of another phase is found.
+    #[test]
+    fn rounding_is_no_damage() {
+        const RATE: f64 = 128.0;
+        for noise in [0.02, 0.1, 0.3] {
+            let mut random = Random::seeded(7);
+            let frequencies = [32.0, 32.0, 32.0, RATE / 3.0, RATE / 3.0, 7.123, 3.01, 16.01, 32.003, 8.001];
+            let mut record = |frequency: f64, is_damaged: bool| {
+                let n: Vec<u64> = (0..3000).collect();
+                let (amplitude, phase) = (8.0 + 30.0 * random.uniform(), TAU * random.uniform());
+                let mut reading = |n: &u64, component: usize| {
+                    let slip = if is_damaged && *n > 2250 { 1.0 } else { 0.0 };
+                    let angle = sine::phase(frequency, RATE, *n) + phase + slip;
+                    (amplitude * (1.0 - 0.1 * component as f64) * angle.sin() + 0.3 + noise * random.gaussian()).round()
+                };
+                let y = std::array::from_fn(|component| n.iter().map(|n| reading(n, component)).collect());
+                Record { t_s: n.iter().map(|n| *n as f64 / RATE).collect(), n, y }
+            };
+            let setting = |frequency_hz: f64| Setting {
+                t_start_s: 0.0,
+                t_end_s: 3000.0 / RATE,
+                field: FieldCoil([10.0, 0.0, 0.0]),
+                frequency_hz,
+                position: 1,
+            };
+            for damaged in [None, Some(0), Some(5)] {
+                let records: Vec<Record> = frequencies.iter().enumerate().map(|(j, f)| record(*f, damaged == Some(j))).collect();
+                let settings = frequencies.map(setting);
+                let tones = undamaged(&records.iter().collect::<Vec<_>>(), &settings, &vec![0..3000; settings.len()], RATE);
+                for (j, tone) in tones.iter().enumerate() {
+                    let at = format!("noise {noise}, {} Hz: {:?} {}", frequencies[j], tone.used, tone.remark);
+                    if damaged == Some(j) {
+                        assert!(tone.used.end <= 2320 && tone.used.len() > 2000 && tone.remark.contains("damaged"), "{at}");
+                    } else {
+                        assert!(tone.remark.is_empty() && tone.used.len() > 2900, "{at}");
+                    }
+                }
+            }
+        }
+    }
 }
