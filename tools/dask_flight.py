@@ -4,7 +4,7 @@
     calfit flight carry flight.toml -o carry.parquet
     python3 tools/dask_flight.py ABC flight.toml carry.parquet -o levels --from 2014-08-01 --to 2014-08-31 --sensors OB IB
 
-Needs distributed. With --scheduler ADDRESS the tasks go to a cluster that runs already, on Slurm through dask-jobqueue or
+Levels D and J are made of two sensors: `common` among the sensors makes them. Needs distributed. With --scheduler ADDRESS the tasks go to a cluster that runs already, on Slurm through dask-jobqueue or
 on Kubernetes. Exit status 0: all days were made; 1: the days that are named were not.
 """
 

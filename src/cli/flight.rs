@@ -25,7 +25,7 @@ pub(super) struct Arguments {
     /// The configuration of the mission.
     #[arg(value_name = "FLIGHT.TOML")]
     config: PathBuf,
-    /// Only this sensor.
+    /// Only this sensor; `common` is what two sensors share, levels D and J.
     #[arg(long, value_name = "NAME")]
     sensor: Option<String>,
     /// First day, YYYY-MM-DD, UTC.

@@ -55,6 +55,7 @@ pub fn across(runs: &[RunValues], catalogue: &Catalogue) -> Result<Diagnosis, Di
     let (mut comparison, mut not_identifiable) = comparison(&runs, catalogue, &mut notes)?;
     // A model of few linear terms always has a fit.
     let outcome = search(&mut comparison).ok_or(DiagnoseError::NoFreedom)?;
+    notes.extend(outcome.note());
     let set = &comparison.set;
     let terms = chosen_candidates(&outcome.terms);
     let scales = set.scales(&outcome.fit);

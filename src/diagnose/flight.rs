@@ -111,7 +111,7 @@ pub fn of_difference(of: &Difference) -> Result<Diagnosis, DiagnoseError> {
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
         steps: Vec::new(),
         pictures: Pictures::default(),
-        notes: Vec::new(),
+        notes: outcome.note().into_iter().collect(),
     };
     Ok(Diagnosis { basis: Some(basis(of)), ..searched.diagnosis() })
 }

@@ -77,6 +77,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     }
     // Every model that was chosen has a fit.
     let outcome = search(&mut problem).ok_or(DiagnoseError::NoPhases)?;
+    notes.extend(outcome.note());
     let fit = &outcome.fit;
     let (of_sines, maps, _) = steps(&problem, &outcome, found.len());
     found.extend(of_sines);

@@ -108,6 +108,7 @@ pub(super) fn run(
         notes.extend(with_slow_part(&mut means, found));
     }
     let outcome = problem::search(&mut means).ok_or(DiagnoseError::NoNoise)?;
+    notes.extend(outcome.note());
 
     for (index, found) in inside.found().iter().enumerate() {
         let earlier = &inside.all[..inside.known + index];

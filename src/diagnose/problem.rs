@@ -8,6 +8,8 @@
 
 use super::result::{Evidence, Map, Step};
 use super::steps::Facts;
+use crate::data::note::{Note, NoteKind};
+use crate::data::units::counted;
 
 /// Data with everything that may be missing in their model.
 pub trait Problem {
@@ -96,6 +98,23 @@ pub struct Outcome<T, F> {
     pub terms: Vec<T>,
     /// The model with all of them.
     pub fit: F,
+    /// The search ended since it may take no more terms or rounds, and another term was evident.
+    pub is_cut: bool,
+}
+
+impl<T, F> Outcome<T, F> {
+    /// Says that more is in the data than the search may take.
+    pub fn note(&self) -> Option<Note> {
+        let text = format!(
+            "with {} the search has as many as it may take, and another one is evident: what is found may stand for it, and its uncertainties do not \
+             hold",
+            counted(self.terms.len() as u64, "effect")
+        );
+        self.is_cut.then(|| {
+            Note::new(NoteKind::Fit, text)
+                .with_remedy("put what is known for certain into a model file, and diagnose again with --model")
+        })
+    }
 }
 
 /// [`Outcome`] of a problem.
@@ -112,7 +131,10 @@ pub fn search<P: Problem>(problem: &mut P) -> Option<OutcomeOf<P>> {
         let found = if is_open { problem.evident(&fit, &terms)? } else { Vec::new() };
         if found.is_empty() {
             // What goes is ruled out, so that the search ends.
-            let Some(index) = problem.unconfirmed(&fit, &terms)? else { return Some(Outcome { terms, fit }) };
+            let Some(index) = problem.unconfirmed(&fit, &terms)? else {
+                let is_cut = !is_open && !problem.evident(&fit, &terms)?.is_empty();
+                return Some(Outcome { terms, fit, is_cut });
+            };
             let gone = terms.remove(index);
             problem.rule_out(&gone);
         } else if problem.predicts(&terms, &found)? {
@@ -237,5 +259,12 @@ mod tests {
         let outcome = search(&mut letters).unwrap();
         assert_eq!(outcome.terms, ['b']);
         assert_eq!(letters.ruled_out, ['c', 'a']);
+        assert!(outcome.note().is_none());
+    }
+
+    #[test]
+    fn a_search_that_may_take_no_more_says_so() {
+        let cut = Outcome { terms: vec!['a', 'b'], fit: (), is_cut: true };
+        assert!(cut.note().is_some_and(|note| note.text.starts_with("with 2 effects the search has as many as it may take")));
     }
 }

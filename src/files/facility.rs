@@ -10,6 +10,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Role;
 use crate::data::result::Covariance;
 use crate::data::start::{NoStart, Start};
+use crate::fit::{NORMAL_95, student_95};
 use crate::model::facility::{Facility, FacilityParameters, Period, PeriodSpan};
 use std::path::Path;
 
@@ -80,7 +81,7 @@ fn periods(keys: &Keys) -> Result<Vec<Period>, Finding> {
             None => root.group("model")?.unwrap_or(keys.root()),
         };
         let part = part(&table)?;
-        return Ok(vec![Period { span: PeriodSpan::default(), covariance: covariance(&root, &part)?, part }]);
+        return Ok(vec![Period { span: PeriodSpan::default(), covariance: covariance(&root, &root, &part)?, part }]);
     }
     let mut periods: Vec<Period> = Vec::new();
     for group in groups {
@@ -89,7 +90,7 @@ fn periods(keys: &Keys) -> Result<Vec<Period>, Finding> {
             return Err(group.refuse("to", "is not after the begin of the period", "write the two in their order"));
         }
         let part = part(&group)?;
-        periods.push(Period { span, covariance: covariance(&group, &part)?, part });
+        periods.push(Period { span, covariance: covariance(&root, &group, &part)?, part });
     }
     periods.sort_by(|a, b| a.span.from.cmp(&b.span.from));
     for pair in periods.windows(2) {
@@ -108,8 +109,9 @@ fn moment(group: &Group, key: &str) -> Result<Option<Start>, Finding> {
     group.text(key)?.map(parse).transpose()
 }
 
-/// The table `covariance`: `parameters` and `matrix`.
-fn covariance(group: &Group, part: &FacilityParameters) -> Result<Option<Covariance>, Finding> {
+/// The table `covariance`: `parameters` and `matrix`. Where the file says how many degrees of freedom its scatter has, it is widened to that of
+/// which 1.96 standard uncertainties make an interval of 95 %, as all that rest on a facility take it.
+fn covariance(root: &Group, group: &Group, part: &FacilityParameters) -> Result<Option<Covariance>, Finding> {
     let Some(table) = group.group("covariance")? else { return Ok(None) };
     let parameters = table.texts("parameters")?.ok_or_else(|| table.missing("parameters"))?;
     let matrix = table.rows("matrix")?.ok_or_else(|| table.missing("matrix"))?;
@@ -126,7 +128,25 @@ fn covariance(group: &Group, part: &FacilityParameters) -> Result<Option<Covaria
     }
     is_covariance(&matrix).map_err(|rule| table.refuse("matrix", rule, "take the file from its source again, or correct it"))?;
     let units = table.texts("units")?.unwrap_or_default();
+    let factors = parameters.iter().map(|name| student_factor(root, name)).collect::<Result<Vec<f64>, Finding>>()?;
+    let widened = |(row, own): (Vec<f64>, &f64)| row.iter().zip(&factors).map(|(v, other)| own * v * other).collect();
+    let matrix = matrix.into_iter().zip(&factors).map(widened).collect();
     Ok(Some(Covariance { parameters, units, matrix }))
+}
+
+/// Student's factor for the degrees of freedom that the file states over that of the normal distribution: of all parameters in `quality`, or
+/// of scale factors, offsets and angles beside each other. 1 where it states none.
+fn student_factor(root: &Group, parameter: &str) -> Result<f64, Finding> {
+    let families = ["scale", "offset", "angle"];
+    let of_family = root.numbers("degrees_of_freedom")?.and_then(|all| {
+        let family = families.iter().position(|family| parameter.starts_with(family))?;
+        all.get(family).copied()
+    });
+    let freedom = match (of_family, root.group("quality")?) {
+        (None, Some(quality)) => quality.number("degrees_of_freedom")?,
+        (of_family, _) => of_family,
+    };
+    Ok(freedom.map_or(1.0, |freedom| student_95((freedom as usize).max(1)) / NORMAL_95))
 }
 
 fn part(table: &Group) -> Result<FacilityParameters, Finding> {
@@ -165,6 +185,27 @@ fn part(table: &Group) -> Result<FacilityParameters, Finding> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// The quantiles of Student's distribution for 2, 4 and 10 degrees of freedom are 4.303, 2.776 and 2.228.
+    #[test]
+    fn few_degrees_of_freedom_widen_what_the_scatter_told() {
+        let head = "scale_nt_per_eu = [1, 1, 1]\noffset_nt = [0, 0, 0]\nangles_deg = [90, 90, 90]\n";
+        let table = "[covariance]\nparameters = [\"scale_x\", \"angle_xy\"]\nmatrix = [[4.0, 1.0], [1.0, 9.0]]\n";
+        let of = |keys: &str, quality: &str| {
+            let text = format!("{head}{keys}{table}{quality}");
+            periods(&Keys::parse("facility.toml", 1, text).unwrap()).unwrap().remove(0).covariance.unwrap().matrix
+        };
+        let near = |found: Vec<Vec<f64>>, expected: [[f64; 2]; 2]| {
+            found.iter().flatten().zip(expected.as_flattened()).all(|(a, b)| (a / b - 1.0).abs() < 1e-3)
+        };
+        assert!(near(of("", ""), [[4.0, 1.0], [1.0, 9.0]]));
+        let four = 2.776 / 1.96;
+        let all = of("", "[quality]\ndegrees_of_freedom = 4\n");
+        assert!(near(all, [[4.0 * four * four, four * four], [four * four, 9.0 * four * four]]));
+        let (two, ten) = (4.303 / 1.96, 2.228 / 1.96);
+        let each = of("degrees_of_freedom = [2, 4, 10]\n", "");
+        assert!(near(each, [[4.0 * two * two, two * ten], [two * ten, 9.0 * ten * ten]]));
+    }
 
     fn parse(text: &str) -> Result<FacilityParameters, Finding> {
         Ok(periods(&Keys::parse("facility.toml", 1, text.to_owned()).unwrap())?.remove(0).part)

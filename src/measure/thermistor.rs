@@ -13,6 +13,7 @@ use crate::data::thermistor::{
 };
 use crate::fit::statistics::{extremes, fisher_tail};
 use crate::fit::{Chosen, FitError, Limits, Polynomial, order, polynomial};
+use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -144,6 +145,14 @@ fn leave_one_out(fit: &Polynomial, x: &[f64]) -> f64 {
     (fit.residuals.iter().zip(x).map(square).sum::<f64>() / x.len() as f64).sqrt()
 }
 
+/// Covariance of the coefficients. No polynomial is a thermistor: what it leaves of the table is no noise that many rows average, and any value may
+/// be off by as much, which is an uncertainty of the constant.
+fn with_what_is_left(fit: &Polynomial) -> DMatrix<f64> {
+    let mut covariance = fit.covariance();
+    covariance[(0, 0)] += fit.residual_std.powi(2);
+    covariance
+}
+
 /// Fits a table; `name` is that of the table without its end.
 ///
 /// # Errors
@@ -186,12 +195,12 @@ pub fn thermistor(
     let reference = reference
         .map(|rows| compare_with(rows, &fit, signal, options.divider, extremes(x.iter().copied()), &mut notes))
         .transpose()?;
-    let covariance = fit.covariance();
+    let covariance = with_what_is_left(&fit);
     let row = (0..rows.len()).map(|i| FittedTableRow {
         signal: x[i],
         t_degc: y[i],
         residual_degc: fit.residuals[i],
-        std_degc: fit.evaluate(x[i]).1,
+        std_degc: fit.evaluate(x[i]).1.hypot(fit.residual_std),
         compared_residual_degc: options.compare.as_ref().map(|c| y[i] - value(c, x[i])),
         best_residual_degc: best.as_ref().map(|b| b.residuals[i]),
     });
@@ -332,6 +341,23 @@ mod tests {
         assert!((compared.residual_max_degc - 0.626_556_366_9).abs() < 1e-9);
         assert!(compared.difference_max_degc < 1e-3, "the printed cubic is the best one");
         assert_eq!((p.polynomial.order_within, p.polynomial.order), (Some(5), 5));
+    }
+
+    /// The table of a platinum resistor has no noise but its last digit: what a polynomial of it is off by is what the order leaves out, and
+    /// 19 of 20 rows are within 1.96 of the standard uncertainties that are stated.
+    #[test]
+    fn what_an_order_leaves_out_is_in_the_uncertainty_of_its_values() {
+        for order in [1, 2, 3, 4, 5] {
+            let p = thermistor("pt1000", &pt1000(), None, &Options { order: Some(order), ..options() }).unwrap();
+            let held = p.row.iter().filter(|row| row.residual_degc.abs() < 1.96 * row.std_degc).count();
+            assert!(held as f64 >= 0.9 * p.row.len() as f64, "order {order}: {held} of {}", p.row.len());
+            // As of the covariance of the file.
+            let row = &p.row[3];
+            let powers = DMatrix::from_fn(order + 1, 1, |k, _| row.signal.powi(k as i32));
+            let matrix = DMatrix::from_fn(order + 1, order + 1, |r, c| p.covariance.matrix[r][c]);
+            let std = (powers.transpose() * matrix * &powers)[(0, 0)].sqrt();
+            assert!((std / row.std_degc - 1.0).abs() < 1e-3, "order {order}: {std} {}", row.std_degc);
+        }
     }
 
     #[test]

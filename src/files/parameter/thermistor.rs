@@ -25,7 +25,7 @@ impl Default for ThermistorConvention {
     fn default() -> Self {
         Self {
             model: "T_r = sum_k coefficients[k] s^k, degC, s the signal in signal_unit; T_c = T_r - T_O, T_O = offset_degc of [reference]; with a divider U = U_ref / (R_ser/R + 1)".to_owned(),
-            uncertainty: "standard uncertainties, coverage factor 1, from the residuals of the table, which are misfit of the polynomial as much as noise; those of the table itself are not in them".to_owned(),
+            uncertainty: "standard uncertainties, coverage factor 1, from the residuals of the table, which are misfit of the polynomial as much as noise: the variance of the constant holds all of it, so that a value has it at every signal; those of the table itself are not in them".to_owned(),
         }
     }
 }

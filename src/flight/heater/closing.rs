@@ -73,11 +73,35 @@ pub fn close(
             (0..3).for_each(|component| field_nt[component][row] -= sum[component]);
         }
     }
+    if options.method == HeaterMethod::Found {
+        for stretch in untold(jumps, classes.len()) {
+            let near = stretch.rows(&time_tt2000[rows.clone()]);
+            of_edge[near].iter_mut().for_each(|of_edge| *of_edge = true);
+        }
+    }
     for (row, _) in rows.clone().zip(&of_edge).filter(|(_, of_edge)| **of_edge) {
         flags[row] |= HEATER;
     }
     bridge(time_tt2000, field_nt, rows, &drawn);
     Ok(())
+}
+
+/// The stretches in which a heater is on since it is off outside of the interval, and no vector shows its first or its last edge: it lies where nothing
+/// speaks against it, and may be one that was missed anywhere within.
+fn untold(jumps: &[Jump], classes: usize) -> Vec<HeaterInterval> {
+    let of_class = |class: usize| -> Vec<&Jump> {
+        let mut own: Vec<&Jump> = jumps.iter().filter(|jump| jump.class == class).collect();
+        own.sort_by_key(|jump| jump.time_tt2000);
+        own
+    };
+    let is_untold = |jump: &Jump| jump.height_nt.iter().any(|height| height.is_nan());
+    let between = |from: &Jump, to: &Jump| HeaterInterval { from_tt2000: from.time_tt2000, to_tt2000: to.time_tt2000 };
+    let ends = |own: Vec<&Jump>| {
+        let first = own.first_chunk().filter(|[first, _]| is_untold(first)).map(|[first, next]| between(first, next));
+        let last = own.last_chunk().filter(|[_, last]| is_untold(last)).map(|[before, last]| between(before, last));
+        [first, last]
+    };
+    (0..classes).flat_map(|class| ends(of_class(class))).flatten().collect()
 }
 
 /// The vectors behind a gap, or behind the begin of the interval, in which, or soon after which, an edge was found: where it lies they do not show, or
@@ -191,6 +215,24 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// A heater that is on at 20.25 s and for which nothing but the end of the interval has an end: all vectors in between may be wrong.
+    #[test]
+    fn an_end_that_no_vector_shows_leaves_a_flag_on_all_that_rests_on_it() {
+        let (time, mut field, mut jumps, classes) = record(5);
+        (jumps[1].time_tt2000, jumps[1].height_nt) = (55 * SECOND, [f64::NAN; 3]);
+        let options = HeaterOptions::new(vec!["h".into()], HeaterMethod::Found);
+        let interval = HeaterInterval { from_tt2000: 5 * SECOND, to_tt2000: 55 * SECOND };
+        let mut flags = vec![0; time.len()];
+        close(&time, &mut field, &mut flags, interval, &jumps, &classes, &options).expect("columns of equal length");
+        let is_flagged = |at_s: i64| flags[(at_s * 5) as usize] & HEATER != 0;
+        assert!((21..55).all(is_flagged) && !(0..19).any(is_flagged) && !(55..60).any(is_flagged));
+        // A table knows.
+        let table = HeaterOptions { method: HeaterMethod::Table(Vec::new()), ..options };
+        let mut flags = vec![0; time.len()];
+        close(&time, &mut field, &mut flags, interval, &jumps, &classes, &table).expect("columns of equal length");
+        assert!((23..50).all(|at_s| flags[(at_s * 5) as usize] & HEATER == 0));
     }
 
     #[test]

@@ -123,7 +123,7 @@ impl Rows {
 
     /// One step of this heater for every state of the other, which are the columns. `back` takes what is needed to go back: per
     /// direction the phase that becomes calm, whether the oldest was the oldest before, and the row an edge starts from.
-    fn step(&self, table: &[f32], next: &mut [f32], back: &mut [u8], columns: usize, work: &mut [Vec<f32>; 2]) {
+    fn step(&self, table: &[f32], next: &mut [f32], back: &mut [u16], columns: usize, work: &mut [Vec<f32>; 2]) {
         let row = |index: usize| &table[index * columns..(index + 1) * columns];
         for direction in 0..2 {
             let stay = &self.stay[direction];
@@ -152,7 +152,7 @@ impl Rows {
                     }
                 }
                 let start = (3 * direction + slot) * columns;
-                back[start..start + columns].iter_mut().zip(which.iter()).for_each(|(back, which)| *back = *which as u8);
+                back[start..start + columns].iter_mut().zip(which.iter()).for_each(|(back, which)| *back = *which as u16);
                 for &to in targets {
                     let target = &mut next[to * columns..(to + 1) * columns];
                     target.iter_mut().zip(best.iter()).for_each(|(next, best)| *next = best + gain);
@@ -179,7 +179,7 @@ impl Rows {
     }
 
     /// The row before a row, and the edge that starts between the two: its direction and phase.
-    fn before(&self, row: usize, back: &[u8], columns: usize, column: usize) -> (usize, Option<(usize, usize)>) {
+    fn before(&self, row: usize, back: &[u16], columns: usize, column: usize) -> (usize, Option<(usize, usize)>) {
         let choice = |direction: usize, slot: usize| usize::from(back[(3 * direction + slot) * columns + column]);
         if row < self.showing() {
             let (direction, age, phase) = (row / (self.ages * PHASES), row / PHASES % self.ages, row % PHASES);
@@ -242,7 +242,7 @@ pub(super) fn most_probable(
     let widest = counts.iter().copied().max().unwrap_or(1);
     let mut work = [vec![0.0; widest], vec![0.0; widest]];
     // What is needed to go back, per cell and half step in the order of time: (heater, choices).
-    let mut history: Vec<(usize, Vec<u8>)> = Vec::with_capacity(innovations.len() * chains.len());
+    let mut history: Vec<(usize, Vec<u16>)> = Vec::with_capacity(innovations.len() * chains.len());
     let mut taken = 0.0;
     let mut known: Option<(usize, Vec<Shapes>, Vec<f32>)> = None;
     for (cell, innovation) in innovations.iter().enumerate() {

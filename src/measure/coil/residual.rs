@@ -4,7 +4,7 @@
 use super::{AXES, CoilError};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
-use crate::data::run::Run;
+use crate::data::run::{Run, ScalarRow};
 use crate::data::tables::ModulusRow;
 use crate::fit::{NORMAL_95, student_95};
 use crate::model::facility::FacilityParameters;
@@ -14,6 +14,8 @@ use crate::model::facility_calibration::{AxisResidual, ResidualFound, ResidualSt
 const ASIDE: f64 = 1e-6;
 /// Plus and minus F belong together if they differ by less than this share.
 const SAME: f64 = 1e-3;
+/// A residual field above this part of the modulus is more likely two moduli that do not belong together.
+const STRANGE: f64 = 0.05;
 /// Decimals of a modulus that are looked at for its resolution.
 const MOST_DECIMALS: i32 = 6;
 
@@ -33,8 +35,8 @@ struct Pair {
     axis: usize,
     plus_nt: f64,
     minus_nt: f64,
-    /// Magnitude of the positive setting minus that of the negative one.
-    setting_difference: f64,
+    /// Magnitude of the positive setting minus that of the negative one, nT.
+    setting_difference_nt: f64,
     std_nt: Option<f64>,
 }
 
@@ -48,7 +50,7 @@ pub fn of_table(rows: &[ModulusRow], used: &str) -> Result<Residual, CoilError> 
         axis: r.axis,
         plus_nt: r.plus_nt,
         minus_nt: r.minus_nt,
-        setting_difference: 0.0,
+        setting_difference_nt: 0.0,
         std_nt: r.std_nt,
     };
     of_pairs(&rows.iter().map(pair).collect::<Vec<_>>(), vec![used.to_owned()])
@@ -62,7 +64,7 @@ pub fn residual(runs: &[&Run]) -> Result<Residual, CoilError> {
     let mut pairs = Vec::new();
     let mut used = Vec::new();
     for run in runs {
-        let found = pairs_of(run);
+        let found = pairs_of(&run.header.run, &run.scalar);
         if !found.is_empty() {
             used.push(run.header.run.clone());
         }
@@ -85,9 +87,9 @@ fn axis_of(setting: [f64; 3]) -> Option<usize> {
 }
 
 /// Every positive setting on one axis alone with the first negative one of the same size that is not taken.
-fn pairs_of(run: &Run) -> Vec<Pair> {
+fn pairs_of(run: &str, rows: &[ScalarRow]) -> Vec<Pair> {
     let on_axis: Vec<(usize, f64, f64)> =
-        run.scalar.iter().filter_map(|row| axis_of(row.setting).map(|axis| (axis, row.setting[axis], row.modulus_nt))).collect();
+        rows.iter().filter_map(|row| axis_of(row.setting).map(|axis| (axis, row.setting[axis], row.modulus_nt))).collect();
     let mut taken = vec![false; on_axis.len()];
     let mut pairs = Vec::new();
     for (axis, plus, plus_nt) in on_axis.iter().filter(|(_, setting, _)| *setting > 0.0) {
@@ -99,11 +101,12 @@ fn pairs_of(run: &Run) -> Vec<Pair> {
             taken[i] = true;
             let (_, minus, minus_nt) = on_axis[i];
             pairs.push(Pair {
-                state: run.header.run.clone(),
+                state: run.to_owned(),
                 axis: *axis,
                 plus_nt: *plus_nt,
                 minus_nt,
-                setting_difference: plus + minus,
+                // Settings are in the unit of the source; the pair itself shows how many nT one is.
+                setting_difference_nt: (plus + minus) * (plus_nt + minus_nt) / (plus - minus),
                 std_nt: None,
             });
         }
@@ -136,7 +139,7 @@ fn of_pairs(pairs: &[Pair], used: Vec<String>) -> Result<Residual, CoilError> {
         .collect();
     let unseen = noise.unseen(pairs);
     let is_known = unseen.is_none();
-    let mut notes: Vec<Note> = unseen.into_iter().collect();
+    let mut notes: Vec<Note> = unseen.into_iter().chain(strange(pairs)).collect();
     let mut covariance = Covariance { parameters: Vec::new(), units: Vec::new(), matrix: Vec::new() };
     let mut facility = FacilityParameters::constant([1.0; 3], [0.0; 3], [90.0; 3]);
     let mut std = FacilityParameters::constant([f64::NAN; 3], [f64::NAN; 3], [f64::NAN; 3]);
@@ -199,7 +202,7 @@ impl Noise {
 
 /// The residual field that a pair shows, nT.
 fn field_nt(pair: &Pair) -> f64 {
-    0.5 * (pair.plus_nt - pair.minus_nt - pair.setting_difference)
+    0.5 * (pair.plus_nt - pair.minus_nt - pair.setting_difference_nt)
 }
 
 /// Mean over some pairs.
@@ -211,6 +214,25 @@ fn mean(pairs: &[&Pair], get: impl Fn(&Pair) -> f64) -> f64 {
 fn scatter_nt2(pairs: &[&Pair]) -> f64 {
     let middle_nt = mean(pairs, field_nt);
     pairs.iter().map(|p| (field_nt(p) - middle_nt).powi(2)).sum()
+}
+
+/// Says of pairs that look as if their moduli were not at plus and minus the same field.
+fn strange(pairs: &[Pair]) -> Option<Note> {
+    let is_strange = |p: &&Pair| field_nt(p).abs() > STRANGE * 0.5 * (p.plus_nt + p.minus_nt);
+    let found: Vec<&Pair> = pairs.iter().filter(is_strange).collect();
+    let first = found.first()?;
+    let text = format!(
+        "{} of {} pairs show a residual field of more than {:.0} % of their moduli, first {:.1} and {:.1} nT of the {} axis ({}): they may not be at plus \
+         and minus the same field",
+        found.len(),
+        pairs.len(),
+        100.0 * STRANGE,
+        first.plus_nt,
+        first.minus_nt,
+        AXES[first.axis],
+        first.state
+    );
+    Some(Note::new(NoteKind::Fit, text).with_remedy("put moduli of the same field into one row"))
 }
 
 /// The residual field along one axis in one state.
@@ -255,7 +277,7 @@ mod tests {
             axis,
             plus_nt: 50_001.0 + axis as f64 + 0.1 * random.gaussian(),
             minus_nt: 49_999.0 - axis as f64 + 0.1 * random.gaussian(),
-            setting_difference: 0.0,
+            setting_difference_nt: 0.0,
             std_nt: None,
         };
         (0..3 * each).map(|i| i % 3).map(pair).collect()
@@ -282,6 +304,19 @@ mod tests {
             let share = held as f64 / 1500.0;
             assert!((0.932..0.99).contains(&share), "{each} pairs: {share}");
         }
+    }
+
+    /// A source of 125 nT per unit whose negative setting is 0.2 units short, at a residual field of 2 nT: 400 · 125 + 2 and 399.8 · 125 - 2 nT.
+    #[test]
+    fn settings_of_any_unit_and_of_unequal_size_are_set_off() {
+        let row = |x: f64, modulus_nt: f64| ScalarRow { t_s: 0.0, setting: [x, 0.0, 0.0], modulus_nt };
+        let pairs = pairs_of("run", &[row(400.0, 50_002.0), row(-399.8, 49_973.0)]);
+        assert_eq!(pairs.len(), 1);
+        // The pair shows 125 nT per unit to 3 parts in 10⁸, and half a difference of 25 nT is set off.
+        assert!((field_nt(&pairs[0]) - 2.0).abs() < 1e-6, "{}", field_nt(&pairs[0]));
+        assert!(strange(&pairs).is_none());
+        let other = Pair { minus_nt: 40_000.0, ..pairs[0].clone() };
+        assert!(strange(&[pairs[0].clone(), other]).is_some_and(|note| note.text.starts_with("1 of 2 pairs")));
     }
 
     #[test]

@@ -82,6 +82,8 @@ pub struct Scalar {
 struct Fitted {
     solution: NonlinearSolution,
     used: Vec<bool>,
+    /// Rows that stand out and stay, since as many as there are parameters would be left without them.
+    stand_out: usize,
 }
 
 /// Fits rows, leaves out those that stand out, and fits again.
@@ -112,8 +114,10 @@ fn fit(rows: &[Observation], terms: &Terms, most_condition: f64) -> Result<Fitte
         let mut sizes: Vec<f64> = solution.residuals.iter().map(|r| r.abs()).collect();
         let limit_nt = (OUTLIER * median(&mut sizes) / 0.6745).max(LEAST_OUTLIER_NT);
         let now: Vec<bool> = solution.residuals.iter().map(|r| r.abs() <= limit_nt).collect();
-        if now == used || now.iter().filter(|used| **used).count() <= terms.count() {
-            return Ok(Fitted { solution, used });
+        let left = now.iter().filter(|used| **used).count();
+        if now == used || left <= terms.count() {
+            let stand_out = if now == used { 0 } else { rows.len() - left };
+            return Ok(Fitted { solution, used, stand_out });
         }
         used = now;
     }
@@ -294,6 +298,15 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
     let Some(last) = period.last().cloned() else { return Err(CoilError::NoRows) };
     let outlier = outliers(&rows, runs, &fitted);
     warn_of_outliers(&mut notes, &outlier, rows.len());
+    if fitted.stand_out > 0 {
+        let text = format!(
+            "{} of {} rows stand out, and no more would be left without them than there are parameters: they were used, and the parameters are not \
+             to be trusted",
+            fitted.stand_out,
+            rows.len()
+        );
+        notes.push(Note::new(NoteKind::Fit, text).with_remedy("check the rows, or use a longer programme"));
+    }
     notes.extend(jumps(&rows, runs, terms, &fitted));
     notes.extend(far_from_nominal(&last.facility));
     let used_rows: Vec<&Observation> = rows.iter().zip(&fitted.used).filter(|(_, used)| **used).map(|(row, _)| row).collect();

@@ -215,20 +215,22 @@ fn solve_all(orientations: &[Oriented], stated: &FacilityParameters) -> Result<[
     };
     let mut solved = families(&vec![Beyond::default(); orientations.len()])?;
     let mut before = vec![Beyond::default(); orientations.len()];
+    // Without an end the values are of no mounting that is near its nominal orientation.
+    let endless = || FitError::NotSettled { what: "products of mounting and facility", iterations: ROUNDS };
     for _ in 0..ROUNDS {
         let beyond: Option<Vec<Beyond>> = orientations.iter().map(|own| own.beyond_first_order(&solved, stated)).collect();
-        let Some(beyond) = beyond else { break };
+        let beyond = beyond.ok_or_else(endless)?;
         solved = families(&beyond)?;
         let stands = |family: usize| {
             let change = |(a, b): (&Beyond, &Beyond)| (0..3).map(|i| (a[family][i] - b[family][i]).abs()).fold(0.0, f64::max);
             beyond.iter().zip(&before).map(change).all(|change| change < ROUNDING[family])
         };
         if (0..ROUNDING.len()).all(stands) {
-            break;
+            return Ok(solved);
         }
         before = beyond;
     }
-    Ok(solved)
+    Err(endless())
 }
 
 /// The orientation that does not agree with the others, if there is one.
@@ -243,7 +245,7 @@ fn odd_one_out(orientations: &[Oriented], stated: &FacilityParameters) -> Result
     let mut best: Option<(usize, f64)> = None;
     for out in 0..orientations.len() {
         let others: Vec<Oriented> = orientations.iter().enumerate().filter(|(i, _)| *i != out).map(|(_, o)| o.clone()).collect();
-        let left = solve_all(&others, stated)?;
+        let Ok(left) = solve_all(&others, stated) else { continue };
         let comparable = left.iter().zip(&all).all(|(l, a)| l.dof > 0 && l.dof < a.dof && l.unseen.len() == a.unseen.len());
         if !comparable {
             continue;

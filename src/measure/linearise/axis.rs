@@ -67,7 +67,7 @@ pub(super) fn fit_axis(data: &[Data], axis: usize) -> Result<AxisFit, LineariseE
     let dof = (!told.from_samples).then_some(degrees_of_freedom);
     let effect = Vector2::new(point.effect_ent[0], point.effect_ent[1]);
     let probability = probability(&effect, &covariance_ent2, dof);
-    let panels = (0..3).map(|coil| panel(data, axis, coil, &problem.readings, &projected, dof)).collect();
+    let panels = (0..3).map(|coil| panel(data, axis, coil, &problem.readings, &projected, told.from_samples)).collect();
     Ok(AxisFit {
         polynomial: fitted,
         covariance: to_natural * covariance_ent2 * to_natural,

@@ -28,7 +28,7 @@ pub(super) fn panel(
     coil: usize,
     readings: &[DVector<f64>],
     projected: &[Projected],
-    dof: Option<usize>,
+    from_samples: bool,
 ) -> LinearisationPanel {
     let on_axis = data.iter().all(|d| nominal_axis(d.lin, axis) == coil);
     let scale_nt = data.iter().flat_map(|d| d.fields(coil)).fold(0.0, |a: f64, b| a.max(b.abs()));
@@ -51,7 +51,7 @@ pub(super) fn panel(
                 Some((Data { lin: d.lin, used: d.used.clone(), own: own.clone() }, one))
             })
             .unzip();
-        fit(&kept, &parts, axis, before, scale_nt, dof)
+        fit(&kept, &parts, axis, before, scale_nt, from_samples)
     };
     LinearisationPanel {
         sensor_axis: COMPONENTS[axis].to_owned(),
@@ -64,7 +64,7 @@ pub(super) fn panel(
 
 /// Square and cube of the field, the last two shared columns, in the residual of a sensor axis; `None` where the runs do not determine
 /// them.
-fn fit(data: &[Data], parts: &[Projected], axis: usize, before: usize, scale_nt: f64, dof: Option<usize>) -> Option<PanelFit> {
+fn fit(data: &[Data], parts: &[Projected], axis: usize, before: usize, scale_nt: f64, from_samples: bool) -> Option<PanelFit> {
     let names: Vec<String> = (0..before + 2).map(|j| format!("column {j}")).collect();
     let solved = partitioned::solve(parts, &names, &Limits { max_condition: MOST_CONDITION }).ok()?;
     let told = tell(data, axis, parts, &solved).ok()?;
@@ -73,11 +73,14 @@ fn fit(data: &[Data], parts: &[Projected], axis: usize, before: usize, scale_nt:
     let values = Vector2::new(solved.values[before], solved.values[before + 1]);
     let covariance = told.covariance.view((before, before), (2, 2)).fixed_view::<2, 2>(0, 0).into_owned();
     let std = |i: usize| sigma * covariance[(i, i)].sqrt();
+    // Of the runs that count here, with the columns that are fitted here.
+    let own: usize = parts.iter().map(|p| p.part.own.nrows() - p.part.own.ncols()).sum();
+    let freedom = own.saturating_sub(before + 2);
     Some(PanelFit {
         quadratic_per_nt: -sigma * values[0] / scale_nt.powi(2),
         quadratic_std_per_nt: std(0) / scale_nt.powi(2),
         cubic_per_nt2: -sigma * values[1] / scale_nt.powi(3),
         cubic_std_per_nt2: std(1) / scale_nt.powi(3),
-        probability: probability(&values, &covariance, dof),
+        probability: probability(&values, &covariance, (!from_samples).then_some(freedom)),
     })
 }

@@ -78,6 +78,16 @@ impl Carry {
         })
     }
 
+    /// The day before a day whose constants begin anew, where nothing but a gap in the telemetry says so.
+    #[must_use]
+    pub fn broken_off(&self, mission: &Mission, sensor: &str, day: i32) -> Option<&CarryRow> {
+        let place = self.rows.iter().position(|row| row.sensor == sensor && row.day == day)?;
+        let row = &self.rows[place];
+        let before = self.rows[..place].last().filter(|before| before.sensor == sensor)?;
+        let is_new_campaign = mission.campaigns.iter().any(|span| (before.time[1] + 1..=row.time[0]).contains(&span.from));
+        (mission.continuity && row.continuity.joined.is_none() && !is_new_campaign).then_some(before)
+    }
+
     /// Refuses a table that was made of another configuration or of other telemetry.
     ///
     /// # Errors

@@ -140,6 +140,14 @@ impl<'a> Context<'a> {
         if let Some(model) = prepared.daily(sensor, self.day)? {
             inputs.push(model.input);
             made.continuity_nt = Some(self.carry.continuity(mission, &sensor.name, self.day)?.sum_nt);
+            if let Some(before) = self.carry.broken_off(mission, &sensor.name, self.day) {
+                let [x, y, z] = before.continuity.sum_nt;
+                made.notes.push(format!(
+                    "the constants that join the daily models begin anew at zero, behind a gap in the telemetry that is longer than reset_gap_s; they \
+                     were {x:+.2}, {y:+.2}, {z:+.2} nT on {}: the field may step",
+                    day_name(before.day)
+                ));
+            }
         }
         self.count_modes(&blocks, &mut made);
         let through = |stage: Stage, blocks: &mut Vec<Block>| blocks.par_iter_mut().for_each(|b| steps.apply(stage, b));

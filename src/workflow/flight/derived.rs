@@ -99,8 +99,11 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     made.heater = classes.iter().map(HeaterFound::of).collect();
     let day = context.span();
     for (index, interval) in intervals.iter().enumerate() {
-        if jumps.iter().all(|jump| jump.interval != index) {
-            leave(&mut all, *interval, stated.from_table, &day, &context.prepared.leap, made);
+        let switches = |class: usize| jumps.iter().any(|jump| jump.interval == index && jump.class == class);
+        let silent: Vec<usize> = (0..classes.len()).filter(|class| !switches(*class)).collect();
+        // A table that has rows of a heater knows where it has none.
+        if silent.len() == classes.len() || !stated.from_table && !silent.is_empty() {
+            leave(&mut all, *interval, &classes, &silent, stated.from_table, &day, &context.prepared.leap, made);
         }
     }
     made.notes.extend(heater::table_times(&cells, &options).and_then(|times| match times {
@@ -158,11 +161,17 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     Ok(out)
 }
 
-/// Says that an interval of heaters stays as it is, where no switching was told from the field, or where the table has none: its vectors may be
-/// disturbed.
+/// Says that what some heaters add stays within an interval, where no switching of them was told from the field, or where the table has none: its
+/// vectors may be disturbed.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the vectors, the interval, what is known of its heaters, the day and where it is told"
+)]
 fn leave(
     all: &mut Series,
     interval: HeaterInterval,
+    classes: &[HeaterClass],
+    silent: &[usize],
     from_table: bool,
     day: &Range<Tt2000>,
     leap: &LeapSeconds,
@@ -171,12 +180,26 @@ fn leave(
     let rows = interval.rows(&all.time);
     all.flags[rows.clone()].iter_mut().for_each(|flags| *flags |= Flags::HEATER.0);
     let own = all.time[rows].iter().filter(|time| day.contains(time)).count();
-    if own > 0 {
-        let [from, to] = [interval.from_tt2000, interval.to_tt2000].map(|time| leap.utc(time));
-        let why = if from_table { "the heater table has no row" } else { "no switching of a heater is told from the field" };
-        made.notes
-            .push(format!("{why} from {from} to {to}: its {own} vectors of the day stay as they are, with the flag HEATER"));
+    if own == 0 {
+        return;
     }
+    let [from, to] = [interval.from_tt2000, interval.to_tt2000].map(|time| leap.utc(time));
+    let which = if silent.len() == classes.len() {
+        let why = if from_table { "the heater table has no row" } else { "no switching of a heater is told from the field" };
+        format!("{why} from {from} to {to}: its {own} vectors of the day stay as they are")
+    } else {
+        let names = silent.iter().map(|class| classes[*class].name.as_str()).collect::<Vec<&str>>().join(", ");
+        format!(
+            "no switching of {names} is told from the field from {from} to {to}: what it adds where it is on stays in the {own} vectors of the day"
+        )
+    };
+    // Heaters have their names by what they add, so that one that is missing leaves its name to another.
+    let mistaken = if !from_table && silent.len() < classes.len() && classes.iter().any(|class| class.edges == 0) {
+        ", and a heater that is found may have the name of one that is not"
+    } else {
+        ""
+    };
+    made.notes.push(format!("{which}, with the flag HEATER{mistaken}"));
 }
 
 /// Whether a time lies where vectors are missing for longer than its mode would have it.

@@ -387,12 +387,14 @@ impl Flight {
         let shown = path.display().to_string();
         options
             .levels
-            .can_be_made(&prepared, options.sensor.is_some())
+            .can_be_made(&prepared, options.sensor.as_ref().is_some_and(|name| name != derived::COMMON))
             .map_err(|e| Finding::error(&shown, e.to_string(), e.remedy()))?;
         if let Some(name) = &options.sensor
+            && name != derived::COMMON
             && !prepared.mission.sensors.iter().any(|s| s.name == *name)
         {
-            return Err(Finding::error(&shown, format!("has no sensor {name}"), "name one of its [[sensor]]"));
+            let remedy = "name one of its [[sensor]], or `common` for what is made of two";
+            return Err(Finding::error(&shown, format!("has no sensor {name}"), remedy));
         }
         let carry = match &options.carry {
             Some(file) => {
@@ -419,15 +421,17 @@ impl Flight {
         let [first, last] = self.options.days;
         let wanted = |day: i32| first.is_none_or(|first| day >= first) && last.is_none_or(|last| day <= last);
         let mut jobs = Vec::new();
+        let is_of = |name: &str| self.options.sensor.as_deref().is_none_or(|of| of == name);
+        let mut days_of_all = BTreeSet::new();
         for (index, sensor) in self.prepared.mission.sensors.iter().enumerate() {
-            if self.options.sensor.as_deref().is_none_or(|name| name == sensor.name) {
-                let days = self.prepared.days(sensor)?.filter(|day| wanted(*day));
+            let days = self.prepared.days(sensor)?.filter(|day| wanted(*day));
+            days_of_all.extend(days.clone());
+            if is_of(&sensor.name) {
                 jobs.extend(days.map(|day| Job { day, task: Task::Levels(index) }));
             }
         }
-        if self.wanted.iter().any(|level| level.is_of_two()) && self.options.sensor.is_none() {
-            let days: BTreeSet<i32> = jobs.iter().map(|job: &Job| job.day).collect();
-            jobs.extend(days.into_iter().map(|day| Job { day, task: Task::Common }));
+        if self.wanted.iter().any(|level| level.is_of_two()) && is_of(derived::COMMON) {
+            jobs.extend(days_of_all.into_iter().map(|day| Job { day, task: Task::Common }));
         }
         if self.options.levels.hk {
             let days = housekeeping::days(&self.prepared)?.into_iter().filter(|day| wanted(*day));
@@ -558,10 +562,12 @@ impl Flight {
     /// What a person should know of the mission as a whole, and of what was asked for.
     #[must_use]
     pub fn notes(&self) -> Vec<Note> {
-        let of_two = self.options.sensor.is_some() && self.wanted.iter().any(|level| level.is_of_two());
+        let of_one = self.options.sensor.as_deref().filter(|name| *name != derived::COMMON);
+        let of_two = of_one.is_some() && self.wanted.iter().any(|level| level.is_of_two());
         let text = "levels D and J are made of two sensors, and are left out with --sensor";
-        let note = of_two.then(|| Note::new(NoteKind::Method, text.to_owned()).with_remedy("make them without --sensor"));
-        self.prepared.notes_of(self.options.sensor.as_deref()).into_iter().chain(note).collect()
+        let remedy = "make them without --sensor, or with --sensor common";
+        let note = of_two.then(|| Note::new(NoteKind::Method, text.to_owned()).with_remedy(remedy));
+        self.prepared.notes_of(of_one).into_iter().chain(note).collect()
     }
 
     /// Writes the report of all days that stand in the folder, and makes the names of what was written last through a power loss. A part
