@@ -282,7 +282,8 @@ fn a_step_between_two_calibrations_makes_two_periods() {
     for (period, truth) in [(before, OFFSET_NT), (after, later.offset_nt)] {
         for k in 0..3 {
             let (found, std) = (period.facility.offset_nt[k], period.std.offset_nt[k]);
-            assert!((found - truth[k]).abs() < 3.5 * std && std < 0.03, "{found} ± {std} is not {}", truth[k]);
+            // One calibration has 0.025 nT; that the facility differs by as much from one to the other two of them cannot exclude.
+            assert!((found - truth[k]).abs() < 3.5 * std && std < 0.04, "{found} ± {std} is not {}", truth[k]);
         }
     }
     // The runs begin at 10:49 and their last row is 1650 s later: the middle of the 46.54 h between them.

@@ -324,6 +324,12 @@ fn continuity_that_is_not_known_is_no_zero() {
     let output = set.change("enabled = false", "enabled = true").flight("A", &arguments);
     assert_eq!(output.status.code(), Some(1));
     says(&text(&output.stderr), &["IB 2015-07-01", "is not known", "2015-06-30", "holds from 10 to 14 °C"]);
+    // A gap over midnight that is too long: the day is made, and it is said that the constants begin anew.
+    let set = Set::of("telemetry");
+    let output =
+        set.change("enabled = false", "enabled = true").change("reset_gap_s = 10800", "reset_gap_s = 0").flight("A", &arguments);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    says(&text(&output.stdout), &["begin anew at zero", "nT on 2015-06-30: the field may step"]);
     // The table of the first pass of another configuration.
     let set = Set::of("telemetry");
     let carry = set.path("carry.parquet");

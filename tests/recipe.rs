@@ -260,11 +260,18 @@ fn files_without_a_recipe_are_read_checked_and_made_again() {
         // Coefficients of the coil temperature that a calibration does not tell are in its uncertainty since, as its convention says.
         let of_coils = [": std.", ": covariance.", ": convention.uncertainty", "more values"];
         let is_of_coils = differs && line.contains("/COIL_SCALAR__") && is_among(line, &of_coils);
+        // Squares and cubes across the axes were judged by the freedom of the fit along the axis.
+        let is_of_panels = differs && line.contains("/LINEARISATION__") && line.contains(".fitted.probability");
+        // What a thermistor's polynomial leaves of its table is an uncertainty of its values since.
+        let of_left = [": coefficients_std.0", ": covariance.matrix.0.0", ": convention.uncertainty", ".std_degc", "more values"];
+        let is_of_left = differs && line.contains("/THERMISTOR__") && is_among(line, &of_left);
         // A channel that is read on both sides of the settings covers them.
         let is_covered = line.contains("covers the time from") && line.contains("does not come back");
         line.is_empty()
             || is_among(line, &explained)
             || is_of_coils
+            || is_of_panels
+            || is_of_left
             || is_covered
             || is_late
             || is_of_model
@@ -282,7 +289,7 @@ fn files_without_a_recipe_are_read_checked_and_made_again() {
     assert_eq!(of_sweep.len(), 1);
     says(&told, &[&of_sweep[0].display().to_string(), explained[1]]);
     let with_mean = ["freq/FREQ_PARAMETER__", "/NULL_PARAMETER__", "/THERMAL_AC_PARAMETER__", "scalar/COIL_SCALAR__"];
-    let differ = [of_noise.as_slice(), &with_mean, &["thermistor/THERMISTOR__"]].concat();
+    let differ = [of_noise.as_slice(), &with_mean, &["/THERMISTOR__", "/LINEARISATION__"]].concat();
     let (otherwise, same): (Vec<&PathBuf>, Vec<&PathBuf>) =
         others.into_iter().partition(|file| is_among(&file.display().to_string(), &differ));
     let is_unseen = |file: &&PathBuf| with_unseen.iter().any(|told| told.ends_with(&file.display().to_string()));

@@ -161,6 +161,31 @@ fn jumps_are_named_with_time_and_size() {
     );
 }
 
+/// One wrong reading, also the first one, moves none of the others: at rest, and on a ramp of 0.3 K from reading to reading.
+#[test]
+fn a_single_wrong_reading_is_no_level() {
+    let mut gauss = Gauss(47);
+    for (count, rate_k) in [(29, 0.0), (200, 0.3), (200, -0.3)] {
+        for (place, off_k) in [(0, -3.0), (0, 3.0), (count / 2, -3.0), (count / 2, -1.0), (count / 2, 1.0), (count / 3, 5.0)] {
+            for _ in 0..10 {
+                let course = |i: f64| 21.0 + rate_k * i;
+                let mut degc = readings(count, 0.01, &mut gauss, course);
+                degc[place] += off_k;
+                let run = run(30.0, &[("T59", degc)]);
+                let found = calfit::record::temperature_faults::readings(&run, "T59", [0.0, 30.0 * count as f64]).unwrap();
+                let others = found.iter().enumerate().filter(|(i, _)| *i != place);
+                let worst = others.map(|(i, (_, degc))| (degc - course(i as f64)).abs()).fold(0.0, f64::max);
+                assert!(worst < 0.1, "{count} readings, {rate_k} K each, {off_k} K at {place}: {worst}");
+                let told = of(&run);
+                assert!(
+                    told.len() == 1 && matches!(told[0].fault, Fault::Jumps { .. }),
+                    "{count} {rate_k} {place} {off_k}: {told:?}"
+                );
+            }
+        }
+    }
+}
+
 #[test]
 fn a_channel_that_stands_still_or_has_another_unit_is_named() {
     let mut gauss = Gauss(47);
@@ -225,7 +250,7 @@ fn check_and_the_analyses_name_the_channel_and_its_neighbour() {
         &[
             "temperature channel T_SENS_1 jumps once by +20.0 K at 9 s",
             "the sensor temperature of the result rests on it",
-            "without the jumps within the settings and as if right before the first one",
+            "without the jumps within the settings and as if right at the first level with more than a few readings",
             "name its neighbour in campaign.toml: T_SENS_2",
         ],
     );

@@ -182,7 +182,7 @@ pub fn told(run: &Run, instructions: &Instructions) -> Vec<(ChannelFault, Note)>
             };
             let mended = match &fault.fault {
                 Fault::Jumps { .. } if !rests.is_empty() => {
-                    ", without the jumps within the settings and as if right before the first one"
+                    ", without the jumps within the settings and as if right at the first level with more than a few readings"
                 }
                 _ => "",
             };

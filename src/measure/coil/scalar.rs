@@ -108,12 +108,14 @@ fn fit(rows: &[Observation], terms: &Terms, most_condition: f64) -> Result<Fitte
     linear::solve(&design, &DMatrix::from_column_slice(rows.len(), 1, &moduli), None, &limits).map_err(explain)?;
 
     let mut used = vec![true; rows.len()];
-    for _ in 0..ROUNDS {
+    for round in 0..ROUNDS {
         let weights: Vec<f64> = used.iter().map(|used| f64::from(u8::from(*used))).collect();
         let solution = nonlinear::solve(&model, &moduli, Some(&weights), &start, &limits).map_err(explain)?;
         let mut sizes: Vec<f64> = solution.residuals.iter().map(|r| r.abs()).collect();
         let limit_nt = (OUTLIER * median(&mut sizes) / 0.6745).max(LEAST_OUTLIER_NT);
-        let now: Vec<bool> = solution.residuals.iter().map(|r| r.abs() <= limit_nt).collect();
+        // A row that comes and goes is left out for good in the end.
+        let may_return = |row: usize| used[row] || round < ROUNDS / 2;
+        let now: Vec<bool> = solution.residuals.iter().enumerate().map(|(i, r)| r.abs() <= limit_nt && may_return(i)).collect();
         let left = now.iter().filter(|used| **used).count();
         if now == used || left <= terms.count() {
             let stand_out = if now == used { 0 } else { rows.len() - left };
@@ -421,6 +423,11 @@ fn stepped(runs: &[(&Run, &Instructions)], terms: &Terms, periods: &[ScalarPerio
             after.span.from.as_ref().map_or("?", Start::as_str),
         )));
         list.push(found);
+    }
+    if !list.is_empty() && runs.len() == 2 {
+        let text = "two calibrations differ, and nothing tells whether the facility stepped between them, differs from one day to the next, or follows \
+                    its temperature: the values of each hold for its own time and temperature";
+        notes.push(Note::new(NoteKind::Facility, text).with_remedy("calibrate once more"));
     }
     list
 }

@@ -41,6 +41,8 @@ pub struct Jumps {
     pub channel: String,
     /// Every jump, the largest first: time, s since the run's start, and size, K.
     pub jumps: Vec<(f64, f64)>,
+    /// The level, against that of before the first jump, that is taken as right, K: the first one on which more than a few readings are.
+    pub usual_k: f64,
     /// Readings of the channel.
     pub readings: usize,
     /// Probability that noise of the channel makes the largest one.
@@ -54,10 +56,25 @@ impl Jumps {
         self.jumps[0].1.abs() / LEAST_JUMP_K
     }
 
-    /// Takes the jumps before a time, s, off a reading, °C.
+    /// Puts a reading, °C, at a time, s, on the level that is taken as right.
     fn take_off(&self, t_s: f64, value: &mut f64) {
-        self.jumps.iter().filter(|(at_s, _)| t_s >= *at_s).for_each(|(_, size)| *value -= size);
+        *value += self.usual_k - level_k(&self.jumps, t_s);
     }
+}
+
+/// The level of a channel at a time, s, against that of before the first of its jumps, K.
+fn level_k(jumps: &[(f64, f64)], t_s: f64) -> f64 {
+    jumps.iter().filter(|(at_s, _)| t_s >= *at_s).map(|(_, size_k)| size_k).sum()
+}
+
+/// The level that is taken as right, K: the first on which as many readings are as tell a level, or that of most.
+fn usual_level_k(series: &[(f64, f64)], jumps: &[(f64, f64)]) -> f64 {
+    let least_k = jumps.iter().map(|(_, size_k)| size_k.abs()).fold(f64::INFINITY, f64::min);
+    let levels: Vec<f64> = series.iter().map(|(t_s, _)| level_k(jumps, *t_s)).collect();
+    let count = |level: f64| levels.iter().filter(|other| (*other - level).abs() <= (1.0 - LIKE) * least_k).count();
+    let stretches: Vec<(f64, usize)> = levels.chunk_by(|a, b| a == b).map(|stretch| (stretch[0], count(stretch[0]))).collect();
+    let first = stretches.iter().find(|(_, count)| *count >= SIDES);
+    first.or(stretches.iter().max_by_key(|(_, count)| *count)).map_or(0.0, |(level, _)| *level)
 }
 
 impl Channel<'_> {
@@ -93,6 +110,12 @@ impl Channel<'_> {
             let alone = changes.iter().position(|(place, ..)| self.series[*place].0 == t_s);
             places.extend(alone.filter(|i| !places.contains(i)));
         }
+        for i in 0..changes.len() {
+            // A single reading aside is two jumps, there and back; each of them shows the other.
+            if aside_k(changes, i).is_some_and(|k| k.abs() > LEAST_JUMP_K && k.abs() > JUMP * noise_k) {
+                places.extend([i, i + 1].into_iter().filter(|i| !places.contains(i)).collect::<Vec<usize>>());
+            }
+        }
         let is_shared = |i: usize, over_k: f64| {
             let [before_s, after_s] = [self.series[changes[i].0 - 1].0, self.series[changes[i].0].0];
             others.iter().any(|o| o.moves_along(before_s, after_s, over_k))
@@ -117,6 +140,13 @@ impl Channel<'_> {
         let places = self.places_of_jumps(&changes, &others);
         let sized = |i: &usize| {
             let place = changes[*i].0;
+            // There and back by the same, so that nothing of a single reading aside stays in those behind it.
+            if let Some(k) = aside_k(&changes, *i) {
+                return Some((self.series[place].0, k));
+            }
+            if let Some(k) = i.checked_sub(1).and_then(|before| aside_k(&changes, before)) {
+                return Some((self.series[place].0, -k));
+            }
             let is_alone = places.iter().all(|other| other == i || changes[*other].0.abs_diff(place) > SIDES);
             let by_cubic = if is_alone { step_at(&self.series, place) } else { None };
             Some((self.series[place].0, by_cubic.or_else(|| far_faster_k(&changes, *i))?))
@@ -127,7 +157,8 @@ impl Channel<'_> {
         jumps.truncate(MOST_JUMPS);
         let (_, largest_k) = jumps.first().copied()?;
         let probability = self.probability_of(&changes, largest_k);
-        Some(Jumps { channel: self.name.to_owned(), jumps, readings: self.series.len(), probability })
+        let usual_k = usual_level_k(&self.series, &jumps);
+        Some(Jumps { channel: self.name.to_owned(), jumps, usual_k, readings: self.series.len(), probability })
     }
 }
 
@@ -148,7 +179,7 @@ pub fn without_jumps(table: &SlowTable, span_s: [f64; 2]) -> (Vec<Jumps>, SlowTa
 }
 
 /// The readings of a slow channel, (s since the run's start, °C), without those that are no temperatures of a sensor or coil and without the
-/// jumps between two times (s): what it read before the first one is taken as right.
+/// jumps between two times (s): the first level on which more than a few readings are is taken as right.
 #[must_use]
 pub fn readings(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Vec<(f64, f64)>> {
     let mut series = run.slow_channel(name)?;
@@ -283,6 +314,16 @@ fn far_faster_k(changes: &[(usize, f64, f64)], i: usize) -> Option<f64> {
         .map(|(_, _, other)| (other - course).abs())
         .fold(0.0, f64::max);
     ((rate - course).abs() > (OF_COURSE * change).max(FASTER * goes_on)).then(|| by_k * (rate - course) / rate)
+}
+
+/// By how much the reading behind a change stands aside from its neighbours, K, where it alone does: the next change takes it back.
+fn aside_k(changes: &[(usize, f64, f64)], i: usize) -> Option<f64> {
+    let [(place, _, there), (next, _, back)] = *changes.get(i..i + 2)?.first_chunk()?;
+    let (before, after) = (usual(changes, i.saturating_sub(RATES)..i)?, usual(changes, i + 2..i + 2 + RATES)?);
+    let course = 0.5 * (before + after);
+    let [there, back] = [there - course, back - course];
+    let is_alone = next == place + 1 && (there + back).abs() <= (1.0 - LIKE) * there.abs().min(back.abs());
+    (is_alone && there.abs() > OF_COURSE * (before - after).abs()).then_some(0.5 * (there - back))
 }
 
 /// Weights of the readings around a step that give its size beside a cubic.

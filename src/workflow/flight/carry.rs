@@ -281,18 +281,27 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
     for (row, known) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
         row.continuity = known;
     }
-    let reset_days: Vec<i32> = rows.iter().filter(|row| row.continuity.joined.is_none()).map(|row| row.day).collect();
+    // Days whose constants begin anew, each with the day before that it follows. Behind a day that cannot be read nothing says that they do.
+    let earlier = [None].into_iter().chain(rows.iter().map(|row| Some(row.day)));
+    let resets_at: Vec<(Option<i32>, i32)> =
+        earlier.zip(&rows).filter(|(_, row)| row.continuity.joined.is_none()).map(|(earlier, row)| (earlier, row.day)).collect();
     let mut days = Days { rows: Vec::new(), unknown: Vec::new() };
     for row in rows {
         let begun = resets.iter().rfind(|at| **at <= row.time[0]).copied();
         let before = |day: i32| day <= row.day && begun.is_none_or(|at| prepared.leap.day(day).end > at);
-        let is_lost = |from: i32| from <= row.day && !reset_days.iter().any(|day| (from..=row.day).contains(day));
-        match broken.iter().find(|(day, _)| before(*day)).or_else(|| lost.iter().find(|(from, _)| is_lost(*from))) {
+        let is_broken = |day: i32| before(day) && !begins_anew_behind(day, row.day, &resets_at);
+        let is_lost = |from: i32| from <= row.day && !resets_at.iter().any(|(_, own)| (from..=row.day).contains(own));
+        match broken.iter().find(|(day, _)| is_broken(*day)).or_else(|| lost.iter().find(|(from, _)| is_lost(*from))) {
             Some((_, reason)) => days.unknown.push(((row.sensor, row.day), reason.clone())),
             None => days.rows.push(row),
         }
     }
     Ok(days)
+}
+
+/// Whether the constants of a day do not rest on an earlier one that cannot be read: between two days that can they begin anew.
+fn begins_anew_behind(broken: i32, day: i32, resets_at: &[(Option<i32>, i32)]) -> bool {
+    resets_at.iter().any(|(earlier, own)| earlier.is_some_and(|earlier| earlier > broken) && *own <= day)
 }
 
 /// What the file says of the configuration that it was made of.
@@ -432,4 +441,17 @@ fn assembled(prepared: &Prepared, index: usize, rows: &Rows, span: &std::ops::Ra
     let shifts = mission.steps.iter().any(|s| s == "shift");
     let made = assemble(rows, name, mission, &prepared.leap, span, span, shifts);
     made.map(|made| made.vectors).map_err(|e| Finding::error(name, e.to_string(), "state it in [[mode]]"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::begins_anew_behind;
+
+    /// Days 1 to 9 without the third, which cannot be read; the constants begin anew on the first, behind the third, and on the seventh.
+    #[test]
+    fn a_day_that_cannot_be_read_is_passed_where_the_constants_begin_anew() {
+        let resets_at = [(None, 1), (Some(2), 4), (Some(6), 7)];
+        let known: Vec<bool> = [4, 5, 6, 7, 9].map(|day| begins_anew_behind(3, day, &resets_at)).to_vec();
+        assert_eq!(known, [false, false, false, true, true]);
+    }
 }

@@ -99,10 +99,16 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     made.heater = classes.iter().map(HeaterFound::of).collect();
     let day = context.span();
     for (index, interval) in intervals.iter().enumerate() {
-        let switches = |class: usize| jumps.iter().any(|jump| jump.interval == index && jump.class == class);
+        // A jump within a gap is found by what follows from the others, and a heater without a field is not taken off.
+        let switches = |class: usize| {
+            let shows = |jump: &&Jump| stated.from_table || jump.height_nt.iter().all(|height| height.is_finite());
+            let own = jumps.iter().filter(|jump| jump.interval == index && jump.class == class);
+            own.filter(shows).count() > 0 && is_seen(&classes[class])
+        };
         let silent: Vec<usize> = (0..classes.len()).filter(|class| !switches(*class)).collect();
-        // A table that has rows of a heater knows where it has none.
-        if silent.len() == classes.len() || !stated.from_table && !silent.is_empty() {
+        // A table knows where a heater has no row; what its field is only vectors say.
+        let is_unknown = |class: &usize| !stated.from_table || !is_seen(&classes[*class]);
+        if silent.len() == classes.len() || silent.iter().any(is_unknown) {
             leave(&mut all, *interval, &classes, &silent, stated.from_table, &day, &context.prepared.leap, made);
         }
     }
@@ -161,6 +167,11 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     Ok(out)
 }
 
+/// Whether vectors have told what a heater adds.
+fn is_seen(class: &HeaterClass) -> bool {
+    class.vector_nt.iter().any(|component| *component != 0.0)
+}
+
 /// Says that what some heaters add stays within an interval, where no switching of them was told from the field, or where the table has none: its
 /// vectors may be disturbed.
 #[expect(
@@ -185,16 +196,19 @@ fn leave(
     }
     let [from, to] = [interval.from_tt2000, interval.to_tt2000].map(|time| leap.utc(time));
     let which = if silent.len() == classes.len() {
-        let why = if from_table { "the heater table has no row" } else { "no switching of a heater is told from the field" };
+        let why = match (from_table, classes.iter().all(is_seen)) {
+            (true, true) => "the heater table has no row",
+            (true, false) => "the vectors do not show what the heaters of the table add",
+            (false, _) => "no switching of a heater is told from the field",
+        };
         format!("{why} from {from} to {to}: its {own} vectors of the day stay as they are")
     } else {
         let names = silent.iter().map(|class| classes[*class].name.as_str()).collect::<Vec<&str>>().join(", ");
-        format!(
-            "no switching of {names} is told from the field from {from} to {to}: what it adds where it is on stays in the {own} vectors of the day"
-        )
+        let why = if from_table { "the vectors do not show what it adds" } else { "no switching is told from the field" };
+        format!("of {names} {why} from {from} to {to}: what it adds where it is on stays in the {own} vectors of the day")
     };
     // Heaters have their names by what they add, so that one that is missing leaves its name to another.
-    let mistaken = if !from_table && silent.len() < classes.len() && classes.iter().any(|class| class.edges == 0) {
+    let mistaken = if !from_table && silent.len() < classes.len() && !classes.iter().all(is_seen) {
         ", and a heater that is found may have the name of one that is not"
     } else {
         ""

@@ -38,6 +38,8 @@ pub(super) const FAMILIES: [(&str, &str); 3] = [("scale factors", "nT/EU"), ("of
 pub(super) struct Scatter {
     /// Factors on the standard uncertainties of the fitted parameters.
     factors: Vec<f64>,
+    /// Variance of the nine values in a single run about their mean.
+    of_a_state: [f64; CONSTANT],
     /// Size, and the probability that there is one at all, of the families that tell it.
     families: [Option<(f64, f64)>; 3],
 }
@@ -166,7 +168,7 @@ pub(super) fn instead_of_steps(scatters: [bool; FAMILIES.len()]) -> Vec<Note> {
 impl Scatter {
     /// Of calibrations beside the fit to all of them, which has so many parameters.
     pub fn of(found: &[Found], parameters: usize) -> Self {
-        let mut scatter = Self { factors: vec![1.0; parameters], families: [None; 3] };
+        let mut scatter = Self { factors: vec![1.0; parameters], of_a_state: [0.0; CONSTANT], families: [None; 3] };
         for family in 0..3 {
             let values: Vec<Values> = of_family(found, family, parameters).into_iter().filter(Values::leave_something).collect();
             scatter.families[family] = scatter.weigh(&values);
@@ -192,7 +194,12 @@ impl Scatter {
         for (place, own) in values.iter().enumerate() {
             for (k, column) in own.columns.iter().enumerate() {
                 let std: Vec<f64> = weighed.iter().map(|all| all[place].covariance[(k, k)].sqrt()).collect();
-                self.factors[*column] = interval(&probability, &std) / std[0];
+                let of_all = interval(&probability, &std);
+                self.factors[*column] = of_all / std[0];
+                if let Some(of_a_state) = self.of_a_state.get_mut(*column) {
+                    let state: Vec<f64> = std.iter().zip(&sizes).map(|(std, size)| std.hypot(*size)).collect();
+                    *of_a_state = interval(&probability, &state).powi(2) - of_all.powi(2);
+                }
             }
         }
         let there: Vec<f64> = sizes.iter().zip(&probability).skip(1).map(|(size, p)| size.ln() * p).collect();
@@ -200,13 +207,15 @@ impl Scatter {
         Some(((there.iter().sum::<f64>() / is_there).exp(), is_there))
     }
 
-    /// A covariance of the fitted parameters that holds with the scatter; the correlations stay.
+    /// A covariance of the fitted parameters that holds with the scatter; the correlations stay. What has a scatter is in every run another one than its
+    /// mean, also in those that use the facility.
     pub fn widened(&self, mut covariance: DMatrix<f64>) -> DMatrix<f64> {
         for (r, by_row) in self.factors.iter().enumerate() {
             for (c, by_column) in self.factors.iter().enumerate() {
                 covariance[(r, c)] *= by_row * by_column;
             }
         }
+        self.of_a_state.iter().enumerate().for_each(|(j, variance)| covariance[(j, j)] += variance);
         covariance
     }
 
@@ -216,7 +225,7 @@ impl Scatter {
             let (size, probability) = self.families[family].filter(|(_, probability)| *probability > TOLD)?;
             let text = format!(
                 "the {name} scatter from calibration to calibration by about {size:.1e} {unit} beyond their noise (probability {probability:.3}); \
-                 the uncertainties of all that follows from several of them hold for it"
+                 the uncertainties hold for it, and contain that every run finds them elsewhere"
             );
             Some(Note::new(NoteKind::Fit, text))
         };
@@ -291,6 +300,40 @@ mod tests {
                 let share = held as f64 / all as f64;
                 println!("{count} calibrations, scatter {scatter}: {share:.3}");
                 assert!((0.90..=0.995).contains(&share), "{count} calibrations, scatter {scatter}: {share}");
+            }
+        }
+    }
+
+    /// The values that a further run finds, which has a scatter of its own, lie within their intervals, too.
+    #[test]
+    fn intervals_hold_the_state_of_a_further_run() {
+        const DRAWS: usize = 400;
+        for count in [4_usize, 8] {
+            let coil_k = &COIL_K[..count];
+            let mean = coil_k.iter().sum::<f64>() / count as f64;
+            let spread: f64 = coil_k.iter().map(|k| (k - mean).powi(2)).sum();
+            // None and one of the size of the noise are as probable as each other, and four calibrations do not tell them apart: together.
+            for scatters in [[0.0, 1.0], [10.0, 10.0], [30.0, 30.0]] {
+                let mut gauss = Random::seeded(11);
+                let (mut held, mut all) = (0, 0);
+                for draw in 0..DRAWS {
+                    let scatter = scatters[draw % 2];
+                    let found = drawn(count, scatter, &mut gauss);
+                    let own = Scatter::of(&found, CONSTANT + 6);
+                    for j in 0..6 {
+                        let middle = found.iter().map(|one| one.difference[j]).sum::<f64>() / count as f64;
+                        let slope = found.iter().zip(coil_k).map(|(one, k)| one.difference[j] * (k - mean)).sum::<f64>() / spread;
+                        let variance =
+                            DMatrix::identity(CONSTANT + 6, CONSTANT + 6) * (1.0 / count as f64 + mean * mean / spread);
+                        let std = own.widened(variance)[(j, j)].sqrt();
+                        let state = scatter * gauss.gaussian();
+                        held += usize::from((state - (middle - slope * mean)).abs() < NORMAL_95 * std);
+                        all += 1;
+                    }
+                }
+                let share = held as f64 / all as f64;
+                println!("{count} calibrations, scatter {scatters:?}: {share:.3}");
+                assert!((0.90..=0.999).contains(&share), "{count} calibrations, scatter {scatters:?}: {share}");
             }
         }
     }
