@@ -12,6 +12,7 @@ use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
 use crate::files::flight::levels::LevelRows;
 use crate::files::flight::mission::{Common, Heater, Span};
 use crate::fit::spectrum::Density;
+use crate::fit::statistics::median;
 use crate::flight::heater::{self, Cells, HeaterClass, HeaterInterval, HeaterMethod, HeaterOptions, Jump, TableTimes};
 use crate::flight::made::{DayMade, HeaterFound, JumpFound, SharedAxis, WheelsFound};
 use crate::flight::means::Means;
@@ -24,6 +25,9 @@ use std::ops::Range;
 
 /// A jump without a vector for so long lies anywhere within, ns.
 const UNSEEN_NS: i64 = 3 * SECOND_NS;
+
+/// An edge of so many standard deviations is not missed.
+const SEEN_STDS: f64 = 5.0;
 
 /// Of fewer windows nothing is said of wheels; a wave that is seen in at most one of so many is no more than noise.
 const LEAST_WINDOWS: usize = 10;
@@ -99,11 +103,10 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     made.heater = classes.iter().map(HeaterFound::of).collect();
     let day = context.span();
     for (index, interval) in intervals.iter().enumerate() {
-        // A jump within a gap is found by what follows from the others, and a heater without a field is not taken off.
+        let own: Vec<&Jump> = jumps.iter().filter(|jump| jump.interval == index && shows(jump, stated.from_table)).collect();
         let switches = |class: usize| {
-            let shows = |jump: &&Jump| stated.from_table || jump.height_nt.iter().all(|height| height.is_finite());
-            let own = jumps.iter().filter(|jump| jump.interval == index && jump.class == class);
-            own.filter(shows).count() > 0 && is_seen(&classes[class])
+            let is_of = own.iter().any(|jump| jump.class == class);
+            is_seen(&classes[class]) && (is_of || !stated.from_table && would_show(&classes[class], &own))
         };
         let silent: Vec<usize> = (0..classes.len()).filter(|class| !switches(*class)).collect();
         // A table knows where a heater has no row; what its field is only vectors say.
@@ -165,6 +168,18 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
             .push(format!("{count} heater jumps lie in gaps, where their times are not known: they are closed and not listed"));
     }
     Ok(out)
+}
+
+/// Whether an edge is one of a table, or is seen: within a gap it is found by what follows from the others.
+fn shows(jump: &Jump, from_table: bool) -> bool {
+    from_table || jump.height_nt.iter().all(|height| height.is_finite())
+}
+
+/// Whether an edge of a heater would be seen among those of the others in an interval: where it does not switch there it is off, as outside.
+fn would_show(class: &HeaterClass, others: &[&Jump]) -> bool {
+    let squares = |jump: &&Jump| (0..3).map(|c| (class.vector_nt[c] / jump.std_nt[c]).powi(2)).sum::<f64>();
+    let mut all: Vec<f64> = others.iter().map(squares).filter(|squares| squares.is_finite()).collect();
+    !all.is_empty() && median(&mut all) > SEEN_STDS * SEEN_STDS
 }
 
 /// Whether vectors have told what a heater adds.
@@ -501,4 +516,37 @@ pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Sha
         (name(secondary), rows(&parts.own_inboard_nt, 2)),
     ];
     Ok(Some(Shared { tables, says, inputs, axes: shared }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::would_show;
+    use crate::flight::heater::{HeaterClass, Jump};
+
+    /// 0.6 and 0.3 nT beside standard deviations of 0.12 and 0.17 nT: edges of 5.6 and 3.9 standard deviations.
+    #[test]
+    fn a_heater_whose_edges_would_be_seen_is_off_where_none_is() {
+        let class = HeaterClass {
+            name: "h1".to_owned(),
+            vector_nt: [0.6, 0.0, 0.3],
+            std_nt: [0.01; 3],
+            off_s: [20.0, 1.0],
+            on_s: [20.0, 1.0],
+            edges: 100,
+            edge_s: 1.0,
+        };
+        let other = |std_nt: f64| Jump {
+            time_tt2000: 0,
+            time_std_s: 0.1,
+            interval: 0,
+            class: 1,
+            on: true,
+            height_nt: [1.2, 0.0, 0.7],
+            std_nt: [std_nt; 3],
+        };
+        assert!(would_show(&class, &[&other(0.12)]));
+        assert!(!would_show(&class, &[&other(0.17)]));
+        assert!(!would_show(&class, &[&other(f64::NAN)]));
+        assert!(!would_show(&class, &[]));
+    }
 }
