@@ -74,7 +74,7 @@ pub fn close(
         }
     }
     if options.method == HeaterMethod::Found {
-        for stretch in untold(jumps, classes.len()) {
+        for stretch in untold(jumps, classes) {
             let near = stretch.rows(&time_tt2000[rows.clone()]);
             of_edge[near].iter_mut().for_each(|of_edge| *of_edge = true);
         }
@@ -86,22 +86,27 @@ pub fn close(
     Ok(())
 }
 
-/// The stretches in which a heater is on since it is off outside of the interval, and no vector shows its first or its last edge: it lies where nothing
-/// speaks against it, and may be one that was missed anywhere within.
-fn untold(jumps: &[Jump], classes: usize) -> Vec<HeaterInterval> {
-    let of_class = |class: usize| -> Vec<&Jump> {
+/// The stretches in which the state of a heater is not told. Where no vector shows its first or its last edge it is on since it is off outside of the
+/// interval: that edge lies where nothing speaks against it, and may be one that was missed anywhere within. And where it stays in a state for far
+/// longer than it usually does, it may have gone to the other one and back.
+fn untold(jumps: &[Jump], classes: &[HeaterClass]) -> Vec<HeaterInterval> {
+    let is_shown = |jump: &Jump| jump.height_nt.iter().all(|height| height.is_finite());
+    let between = |from: &Jump, to: &Jump| HeaterInterval { from_tt2000: from.time_tt2000, to_tt2000: to.time_tt2000 };
+    let mut all = Vec::new();
+    for (class, about) in classes.iter().enumerate() {
         let mut own: Vec<&Jump> = jumps.iter().filter(|jump| jump.class == class).collect();
         own.sort_by_key(|jump| jump.time_tt2000);
-        own
-    };
-    let is_untold = |jump: &Jump| jump.height_nt.iter().any(|height| height.is_nan());
-    let between = |from: &Jump, to: &Jump| HeaterInterval { from_tt2000: from.time_tt2000, to_tt2000: to.time_tt2000 };
-    let ends = |own: Vec<&Jump>| {
-        let first = own.first_chunk().filter(|[first, _]| is_untold(first)).map(|[first, next]| between(first, next));
-        let last = own.last_chunk().filter(|[_, last]| is_untold(last)).map(|[before, last]| between(before, last));
-        [first, last]
-    };
-    (0..classes).flat_map(|class| ends(of_class(class))).flatten().collect()
+        all.extend(own.first_chunk().filter(|[first, _]| !is_shown(first)).map(|[first, next]| between(first, next)));
+        all.extend(own.last_chunk().filter(|[_, last]| !is_shown(last)).map(|[before, last]| between(before, last)));
+        let is_long = |pair: &&[&Jump]| {
+            let [usual_s, scatter_s] = if pair[0].on { about.on_s } else { about.off_s };
+            let there_and_back_s = 0.5 * (about.on_s[0] + about.off_s[0]);
+            let beyond_s = (pair[1].time_tt2000 - pair[0].time_tt2000) as f64 * 1e-9 - usual_s;
+            beyond_s > there_and_back_s.max(LONG_STDS * scatter_s)
+        };
+        all.extend(own.windows(2).filter(is_long).map(|pair| between(pair[0], pair[1])));
+    }
+    all
 }
 
 /// The vectors behind a gap, or behind the begin of the interval, in which, or soon after which, an edge was found: where it lies they do not show, or
@@ -116,6 +121,8 @@ fn unseen(time_tt2000: &[i64], jump_tt2000: i64, options: &HeaterOptions) -> Ran
     near.find(is_behind_gap).map_or(0..0, |row| row..place(time_tt2000[row] + blind_ns))
 }
 
+/// Standard deviations of the times in a state beyond which one is far longer than usual.
+const LONG_STDS: f64 = 5.0;
 /// Share of an edge below which, and below which from the end, a sample does not count as one of the edge.
 const LEAST_SHARE: f64 = 0.01;
 /// Standard deviations by which an edge may lie elsewhere.
@@ -233,6 +240,22 @@ mod tests {
         let mut flags = vec![0; time.len()];
         close(&time, &mut field, &mut flags, interval, &jumps, &classes, &table).expect("columns of equal length");
         assert!((23..50).all(|at_s| flags[(at_s * 5) as usize] & HEATER == 0));
+    }
+
+    /// On from 20.25 to 45 s where it is usually on for 20 or for 10 s and off for 10 s: in 24.75 s there is room for 10 s off within 10 s on, and none
+    /// within 20 s.
+    #[test]
+    fn a_stay_in_a_state_that_is_far_longer_than_usual_has_a_flag() {
+        for (usual_s, is_flagged) in [(20.0, false), (10.0, true)] {
+            let (time, mut field, mut jumps, mut classes) = record(5);
+            jumps[1].time_tt2000 = 45 * SECOND;
+            (classes[0].on_s, classes[0].off_s) = ([usual_s, 1.0], [10.0, 1.0]);
+            let options = HeaterOptions::new(vec!["h".into()], HeaterMethod::Found);
+            let interval = HeaterInterval { from_tt2000: 5 * SECOND, to_tt2000: 55 * SECOND };
+            let mut flags = vec![0; time.len()];
+            close(&time, &mut field, &mut flags, interval, &jumps, &classes, &options).expect("columns of equal length");
+            assert!((23..43).all(|at_s| (flags[(at_s * 5) as usize] & HEATER != 0) == is_flagged), "{usual_s}");
+        }
     }
 
     #[test]
