@@ -151,6 +151,17 @@ fn days_in_the_wrong_order_are_refused_and_levels_of_two_sensors_are_named() {
     let output = set.flight("all", &["--sensor", "OB", "--no-plots"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     says(&text(&output.stdout), &["levels D and J are made of two sensors, and are left out with --sensor"]);
+    // They are made by themselves, byte by byte as with all others.
+    let file = "level=J/sensor=common/date=2015-07-01/calfit-J-common-20150701.parquet";
+    assert!(!set.out().join(file).exists());
+    set.made("all", &["--sensor", "common", "--no-plots"]);
+    let alone = fs::read(set.out().join(file)).unwrap();
+    fs::remove_dir_all(set.out()).unwrap();
+    set.made("all", &["--no-plots"]);
+    assert!(alone == fs::read(set.out().join(file)).unwrap());
+    let output = set.flight("AB", &["--sensor", "common"]);
+    assert_eq!(output.status.code(), Some(2));
+    says(&text(&output.stderr), &["what two sensors share is in levels D and J, and none of them is asked for"]);
 }
 
 #[test]

@@ -117,7 +117,7 @@ impl NoLevels {
     pub fn remedy(&self) -> &'static str {
         match self {
             NoLevels::Unknown(_) => "name levels by their letters, A to L, such as ABC, or `all`",
-            NoLevels::OfTwo(_) => "leave --sensor out, or the level",
+            NoLevels::OfTwo(_) => "leave --sensor out, or the level, or make it with --sensor common",
             NoLevels::Missing { .. } => "state it, or leave the level out",
         }
     }

@@ -408,8 +408,12 @@ impl Flight {
             }
             None => Carry::find(&prepared, options.levels.of(&prepared).iter().any(|level| level.needs_heater()))?,
         };
-        let folder = Folder::open(&options.out, options.force)?;
         let wanted = options.levels.of(&prepared);
+        if options.sensor.as_deref() == Some(derived::COMMON) && !wanted.iter().any(|level| level.is_of_two()) {
+            let rule = "what two sensors share is in levels D and J, and none of them is asked for";
+            return Err(Finding::error(&shown, rule, "name D or J, or a sensor"));
+        }
+        let folder = Folder::open(&options.out, options.force)?;
         Ok(Self { prepared, carry, options, wanted, folder, courses: Courses::default() })
     }
 
