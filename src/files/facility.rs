@@ -10,7 +10,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Role;
 use crate::data::result::Covariance;
 use crate::data::start::{NoStart, Start};
-use crate::fit::{NORMAL_95, student_95};
+use crate::fit::student_factor;
 use crate::model::facility::{Facility, FacilityParameters, Period, PeriodSpan};
 use std::path::Path;
 
@@ -128,7 +128,7 @@ fn covariance(root: &Group, group: &Group, part: &FacilityParameters) -> Result<
     }
     is_covariance(&matrix).map_err(|rule| table.refuse("matrix", rule, "take the file from its source again, or correct it"))?;
     let units = table.texts("units")?.unwrap_or_default();
-    let factors = parameters.iter().map(|name| student_factor(root, name)).collect::<Result<Vec<f64>, Finding>>()?;
+    let factors = parameters.iter().map(|name| widening(root, name)).collect::<Result<Vec<f64>, Finding>>()?;
     let widened = |(row, own): (Vec<f64>, &f64)| row.iter().zip(&factors).map(|(v, other)| own * v * other).collect();
     let matrix = matrix.into_iter().zip(&factors).map(widened).collect();
     Ok(Some(Covariance { parameters, units, matrix }))
@@ -136,7 +136,7 @@ fn covariance(root: &Group, group: &Group, part: &FacilityParameters) -> Result<
 
 /// Student's factor for the degrees of freedom that the file states over that of the normal distribution: of all parameters in `quality`, or
 /// of scale factors, offsets and angles beside each other. 1 where it states none.
-fn student_factor(root: &Group, parameter: &str) -> Result<f64, Finding> {
+fn widening(root: &Group, parameter: &str) -> Result<f64, Finding> {
     let families = ["scale", "offset", "angle"];
     let of_family = root.numbers("degrees_of_freedom")?.and_then(|all| {
         let family = families.iter().position(|family| parameter.starts_with(family))?;
@@ -146,7 +146,7 @@ fn student_factor(root: &Group, parameter: &str) -> Result<f64, Finding> {
         (None, Some(quality)) => quality.number("degrees_of_freedom")?,
         (of_family, _) => of_family,
     };
-    Ok(freedom.map_or(1.0, |freedom| student_95((freedom as usize).max(1)) / NORMAL_95))
+    Ok(freedom.map_or(1.0, |freedom| student_factor((freedom as usize).max(1))))
 }
 
 fn part(table: &Group) -> Result<FacilityParameters, Finding> {

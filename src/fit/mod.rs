@@ -54,7 +54,7 @@ pub use order::{Chosen, choose};
 pub use polynomial::Polynomial;
 pub use propagate::{Propagated, propagate};
 pub use robust::Robust;
-pub use statistics::{NORMAL_95, student_95};
+pub use statistics::{NORMAL_95, student_95, student_factor};
 
 /// Why a fit has no answer.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -22,6 +22,12 @@ pub fn student_95(dof: usize) -> f64 {
     StudentsT::new(0.0, 1.0, dof as f64).map_or(f64::INFINITY, upper)
 }
 
+/// Factor on a standard uncertainty with so many degrees of freedom, by which 1.96 of it make an interval of 95 %.
+#[must_use]
+pub fn student_factor(dof: usize) -> f64 {
+    student_95(dof) / NORMAL_95
+}
+
 /// Probability that a number of Student's distribution exceeds `t`; `None` without a degree of freedom.
 #[must_use]
 pub fn student_tail(t: f64, dof: usize) -> Option<f64> {

@@ -184,6 +184,14 @@ pub struct Jump {
     pub std_nt: [f64; 3],
 }
 
+impl Jump {
+    /// Whether vectors show it: within a gap, or at the end of an interval, it is found by what follows from the others.
+    #[must_use]
+    pub fn is_shown(&self) -> bool {
+        self.height_nt.iter().all(|height| height.is_finite())
+    }
+}
+
 /// Why heaters cannot be dealt with.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[allow(missing_docs, reason = "the messages tell what the fields are")]

@@ -12,7 +12,7 @@ use crate::data::thermistor::{
     ComparedPolynomial, FittedTableRow, HIGHEST_ORDER, ReferenceComparison, ThermistorPolynomial, TriedOrder,
 };
 use crate::fit::statistics::{extremes, fisher_tail};
-use crate::fit::{Chosen, FitError, Limits, NORMAL_95, Polynomial, order, polynomial, student_95};
+use crate::fit::{Chosen, FitError, Limits, Polynomial, order, polynomial, student_factor};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -336,7 +336,7 @@ fn of_parts(values: &[f64]) -> Option<f64> {
     let edge = |part: usize| part * values.len() / PARTS;
     let parts: Vec<f64> = (0..PARTS).map(|part| mean(&values[edge(part)..edge(part + 1)])).collect();
     let of_parts: f64 = parts.iter().map(|part| (part - middle).powi(2)).sum::<f64>() / (PARTS * (PARTS - 1)) as f64;
-    Some(of_parts.sqrt() * student_95(PARTS - 1) / NORMAL_95)
+    Some(of_parts.sqrt() * student_factor(PARTS - 1))
 }
 
 #[cfg(test)]

@@ -90,14 +90,13 @@ pub fn close(
 /// interval: that edge lies where nothing speaks against it, and may be one that was missed anywhere within. And where it stays in a state for far
 /// longer than it usually does, it may have gone to the other one and back.
 fn untold(jumps: &[Jump], classes: &[HeaterClass]) -> Vec<HeaterInterval> {
-    let is_shown = |jump: &Jump| jump.height_nt.iter().all(|height| height.is_finite());
     let between = |from: &Jump, to: &Jump| HeaterInterval { from_tt2000: from.time_tt2000, to_tt2000: to.time_tt2000 };
     let mut all = Vec::new();
     for (class, about) in classes.iter().enumerate() {
         let mut own: Vec<&Jump> = jumps.iter().filter(|jump| jump.class == class).collect();
         own.sort_by_key(|jump| jump.time_tt2000);
-        all.extend(own.first_chunk().filter(|[first, _]| !is_shown(first)).map(|[first, next]| between(first, next)));
-        all.extend(own.last_chunk().filter(|[_, last]| !is_shown(last)).map(|[before, last]| between(before, last)));
+        all.extend(own.first_chunk().filter(|[first, _]| !first.is_shown()).map(|[first, next]| between(first, next)));
+        all.extend(own.last_chunk().filter(|[_, last]| !last.is_shown()).map(|[before, last]| between(before, last)));
         let is_long = |pair: &&[&Jump]| {
             let [usual_s, scatter_s] = if pair[0].on { about.on_s } else { about.off_s };
             let there_and_back_s = 0.5 * (about.on_s[0] + about.off_s[0]);

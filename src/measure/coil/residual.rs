@@ -6,7 +6,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
 use crate::data::run::{Run, ScalarRow};
 use crate::data::tables::ModulusRow;
-use crate::fit::{NORMAL_95, student_95};
+use crate::fit::student_factor;
 use crate::model::facility::FacilityParameters;
 use crate::model::facility_calibration::{AxisResidual, ResidualFound, ResidualState};
 
@@ -185,7 +185,7 @@ impl Noise {
         let several = groups.iter().flatten().filter(|pairs| pairs.len() > 1);
         let freedom = several.clone().map(|pairs| pairs.len() - 1).sum();
         let squares: f64 = several.map(|pairs| scatter_nt2(pairs)).sum();
-        let std_nt = if freedom > 0 { (squares / freedom as f64).sqrt() * student_95(freedom) / NORMAL_95 } else { 0.0 };
+        let std_nt = if freedom > 0 { (squares / freedom as f64).sqrt() * student_factor(freedom) } else { 0.0 };
         Self { std_nt, resolution_nt, freedom }
     }
 
@@ -268,6 +268,7 @@ fn resolution(pairs: &[Pair]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::fit::NORMAL_95;
     use crate::fit::random::Random;
 
     /// Pairs of moduli whose noise is 0.1 nT at residual fields of 1, 2 and 3 nT.

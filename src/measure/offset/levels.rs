@@ -6,7 +6,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::units::COMPONENTS;
 use crate::fit::statistics::{std_of, student_tail};
-use crate::fit::{FitError, Limits, NORMAL_95, Solution, linear, student_95};
+use crate::fit::{FitError, Limits, Solution, linear, student_factor};
 use crate::record::conditions::{self, Within};
 use crate::record::screens::{self, Implausible};
 use nalgebra::{DMatrix, Matrix3, Vector3};
@@ -272,7 +272,7 @@ fn noise(
         // means lets not exclude, for sources scatter from setting to setting as well.
         (false, Some(sampled)) => {
             let dof = solution.dof;
-            let left = |i: usize| if dof > 0 { solution.residual_std[i] * student_95(dof) / NORMAL_95 } else { 0.0 };
+            let left = |i: usize| if dof > 0 { solution.residual_std[i] * student_factor(dof) } else { 0.0 };
             let std: [f64; 3] = std::array::from_fn(|i| sampled[i].max(left(i)));
             let of = |row: usize, column: usize| {
                 std[row / full] * std[column / full] * solution.unscaled_covariance[(row % full, column % full)]

@@ -103,7 +103,8 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
     made.heater = classes.iter().map(HeaterFound::of).collect();
     let day = context.span();
     for (index, interval) in intervals.iter().enumerate() {
-        let own: Vec<&Jump> = jumps.iter().filter(|jump| jump.interval == index && shows(jump, stated.from_table)).collect();
+        let own: Vec<&Jump> =
+            jumps.iter().filter(|jump| jump.interval == index && (stated.from_table || jump.is_shown())).collect();
         let switches = |class: usize| {
             let is_of = own.iter().any(|jump| jump.class == class);
             is_seen(&classes[class]) && (is_of || !stated.from_table && would_show(&classes[class], &own))
@@ -168,11 +169,6 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
             .push(format!("{count} heater jumps lie in gaps, where their times are not known: they are closed and not listed"));
     }
     Ok(out)
-}
-
-/// Whether an edge is one of a table, or is seen: within a gap it is found by what follows from the others.
-fn shows(jump: &Jump, from_table: bool) -> bool {
-    from_table || jump.height_nt.iter().all(|height| height.is_finite())
 }
 
 /// Whether an edge of a heater would be seen among those of the others in an interval: where it does not switch there it is off, as outside.
