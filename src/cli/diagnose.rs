@@ -30,7 +30,7 @@ pub(super) struct Arguments {
     #[arg(required_unless_present = "amplitudes", value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// A table of amplitudes in place of runs, as `calfit freq --amplitudes` reads it.
-    #[arg(long, value_name = "TABLE.csv", conflicts_with_all = ["paths", "model", "write_model", "facility", "temperature", "field", "sensor", "from", "to"])]
+    #[arg(long, value_name = "TABLE.csv", conflicts_with_all = ["paths", "model", "write_model", "facility", "temperature", "field", "sensor", "from", "to", "exclude"])]
     amplitudes: Vec<PathBuf>,
     /// Effects that are known already, from `--write-model`: their sizes are fitted again between the plateaus and taken off inside them.
     #[arg(long, value_name = "FILE")]
@@ -86,7 +86,12 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     common.results.places(arguments.facility.iter().chain(&arguments.model).chain(&arguments.temperature));
     let mut together = Across::default();
     let paths = parameters(&arguments.paths, &mut together, common, terminal)?;
-    let campaigns = if paths.is_empty() { Vec::new() } else { open_without(&paths, &arguments.excluding, common, terminal)? };
+    let campaigns = if paths.is_empty() {
+        refuse_without_runs(arguments)?;
+        Vec::new()
+    } else {
+        open_without(&paths, &arguments.excluding, common, terminal)?
+    };
     let (given, known) = arguments.model.as_ref().map(|path| read_model(path)).transpose()?.unzip();
     let with = DiagnosedWith {
         facility: facility(arguments.facility.as_ref())?,
@@ -154,8 +159,9 @@ fn flight(path: &Path, arguments: &Arguments, common: &Common, terminal: &Termin
         || arguments.write_model.is_some()
         || arguments.facility.is_some()
         || arguments.temperature.is_some()
+        || !arguments.excluding.exclude.is_empty()
     {
-        let rule = "--model, --write-model, --facility and --temperature belong to runs of a facility";
+        let rule = "--model, --write-model, --facility, --temperature and --exclude belong to runs of a facility";
         return Err(Finding::error("calfit diagnose", rule, "take them away"));
     }
     let options = DifferenceOptions {
@@ -171,6 +177,19 @@ fn flight(path: &Path, arguments: &Arguments, common: &Common, terminal: &Termin
     publish_diagnosis(&made, made.diagnosis.runs.first().map_or("", String::as_str), &desk)?;
     let result = std::iter::once((path.display().to_string(), Ok(made)));
     told(result, common, terminal).map(|_| Status::Done)
+}
+
+/// Options that say how runs are looked at need runs.
+fn refuse_without_runs(arguments: &Arguments) -> Result<(), Finding> {
+    arguments.excluding.check(&[])?;
+    let named = [("--facility", &arguments.facility), ("--temperature", &arguments.temperature), ("--model", &arguments.model)];
+    match named.into_iter().find(|(_, file)| file.is_some()) {
+        Some((option, _)) => {
+            let rule = "changes nothing where only tables and parameter files are named";
+            Err(Finding::error(option, rule, "name the runs, or leave it out"))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Tables of amplitudes, one after the other.

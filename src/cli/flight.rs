@@ -64,6 +64,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let rule = format!("--from {from} is after --to {to}");
         return Err(Finding::error("calfit flight", rule, "name the first day with --from and the last one with --to"));
     }
+    if arguments.what == CARRY || arguments.what == REPORT {
+        refuse_of_levels(arguments)?;
+    }
     if arguments.what == CARRY {
         return carry(arguments, common, terminal);
     }
@@ -78,11 +81,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let mut findings = Vec::new();
         let made = make_report(&arguments.config, &common.out, common.force, &mut findings);
         findings.iter().for_each(|f| terminal.finding(f));
-        made?;
-        let page = common.out.join("report").join("REPORT.html");
-        if page.is_file() {
-            terminal.tell(&format!("  -> {}\n", page.display()));
-        }
+        terminal.tell(&format!("  -> {}\n", made?.display()));
         return Ok(Status::Done);
     }
     let levels =
@@ -138,9 +137,33 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         }
     }
     if made.days.is_empty() && made.failed.is_empty() {
-        terminal.warning("there are no vectors in these days; see `input`, --from, --to and --sensor");
+        return Err(no_vectors(arguments));
     }
     Ok(if made.failed.is_empty() { Status::Done } else { Status::Partly })
+}
+
+/// Nothing was made, of these days.
+fn no_vectors(arguments: &Arguments) -> Finding {
+    let rule = "gives no vectors in these days";
+    Finding::error(&arguments.config.display().to_string(), rule, "see `input`, --from, --to and --sensor")
+}
+
+/// `carry` and `report` are of all sensors and days.
+fn refuse_of_levels(arguments: &Arguments) -> Result<(), Finding> {
+    let given = [
+        ("--sensor", arguments.sensor.is_some()),
+        ("--from", arguments.from.is_some()),
+        ("--to", arguments.to.is_some()),
+        ("--carry", arguments.carry.is_some()),
+        ("--hk", arguments.hk),
+    ];
+    match given.into_iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => {
+            let rule = format!("changes nothing of `{}`, which is of all sensors and days", arguments.what);
+            Err(Finding::error(option, rule, "leave it out"))
+        }
+        None => Ok(()),
+    }
 }
 
 fn carry(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
@@ -194,7 +217,7 @@ fn daily(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<
         made.failed.iter().for_each(|failed| terminal.error(&format!("{} {} has no model", failed.sensor, failed.day)));
     }
     if made.models.is_empty() && made.failed.is_empty() {
-        terminal.warning("there are no vectors in these days; see `input`, --from, --to and --sensor");
+        return Err(no_vectors(arguments));
     }
     Ok(if made.failed.is_empty() { Status::Done } else { Status::Partly })
 }
@@ -210,9 +233,7 @@ pub(super) fn inspect(path: &std::path::Path, common: &Common, terminal: &Termin
         for day in &days {
             let modes: Vec<String> = day.modes.iter().map(|(mode, count)| format!("{count} {mode}")).collect();
             let degc = day.degc.map_or(String::new(), |[low, high]| format!("; {low:.1} to {high:.1} °C"));
-            let text = told(day);
-            let text = text.trim_end().trim_end_matches("-> level").trim_end();
-            terminal.print(&format!("{text}\n  modes: {}{degc}\n", modes.join(", ")));
+            terminal.print(&format!("{}\n  modes: {}{degc}\n", found(day), modes.join(", ")));
         }
     }
     Ok(if findings.iter().any(|f| f.severity == Severity::Error) { Status::Partly } else { Status::Done })
@@ -220,6 +241,12 @@ pub(super) fn inspect(path: &std::path::Path, common: &Common, terminal: &Termin
 
 /// What was made of a day, in a few lines.
 fn told(day: &DayMade) -> String {
+    let levels = if day.levels.is_empty() { "no level".to_owned() } else { format!("level {}", day.levels.join(", ")) };
+    format!("{}\n  -> {levels}\n", found(day))
+}
+
+/// What there is in the telemetry of a day, in a few lines.
+fn found(day: &DayMade) -> String {
     let rows = &day.rows;
     let mut text = format!("{} {}: {}", day.sensor, day.day, counted(day.written as u64, "vector"));
     for (count, what) in [
@@ -238,6 +265,5 @@ fn told(day: &DayMade) -> String {
         text.push_str(&format!("\n  flags: {}", flags.join(", ")));
     }
     day.notes.iter().for_each(|note| text.push_str(&format!("\n  note: {note}")));
-    let levels = if day.levels.is_empty() { "no level".to_owned() } else { format!("level {}", day.levels.join(", ")) };
-    format!("{text}\n  -> {levels}\n")
+    text
 }

@@ -17,7 +17,7 @@ pub(super) struct Arguments {
     #[arg(required_unless_present = "amplitudes", value_name = "PATH")]
     paths: Vec<PathBuf>,
     /// A table of amplitudes in place of runs: frequency_hz,bx_ent,by_ent,bz_ent. Its name without freq_ is the run id.
-    #[arg(long, value_name = "TABLE.csv", conflicts_with = "paths")]
+    #[arg(long, value_name = "TABLE.csv", conflicts_with_all = ["paths", "exclude"])]
     amplitudes: Vec<PathBuf>,
     /// Time to leave out after every change of frequency, s, or `auto`.
     #[arg(long, value_name = "S", default_value = "auto", value_parser = settling)]

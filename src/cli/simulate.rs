@@ -33,7 +33,7 @@ pub(super) struct Arguments {
     seed: Option<u64>,
     /// Coefficient files for a twin in flight, which its sensors are calibrated with in place of exact ones.
     #[cfg(feature = "tables")]
-    #[arg(long, value_name = "FILE", requires = "twin", num_args = 1..)]
+    #[arg(long, value_name = "FILE", requires = "twin", conflicts_with = "like", num_args = 1..)]
     ground: Vec<PathBuf>,
 }
 

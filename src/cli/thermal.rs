@@ -1,11 +1,12 @@
 //! `calfit thermal`: temperature polynomials across the runs of every sensor and mode.
 
-use super::options::{Excluding, Runs, Sweeping, without_excluded};
+use super::options::{Excluding, Order, Runs, Sweeping, without_excluded};
 use super::output::{Terminal, json};
 use super::{Common, Status, open_without, refused, report_failures, status};
 use crate::data::across::CalibratedRun;
 use crate::data::error::{Finding, Severity};
 use crate::data::note::{Note, NoteKind};
+use crate::data::plateau::{LEAST_COVERAGE, Settling};
 use crate::files::campaign::Campaign;
 use crate::files::index;
 use crate::files::parameter::{Body, FileKind, Tpf, alone_of, is_named};
@@ -14,8 +15,8 @@ use crate::model::campaign::ThermalEntry;
 use crate::record::known::Known;
 use crate::show;
 use crate::workflow::{
-    Analyses, CentreMade, Desk, Failure, Measured, NoThermal, PairFiles, RunResult, ThermalInput, ThermalOptions, ThermalShown,
-    each, jobs, refer, settle,
+    Analyses, CentreMade, Desk, Failure, Measured, NoThermal, PairFiles, RunResult, ThermalInput, ThermalShown, each, jobs,
+    refer, settle,
 };
 use clap::Args;
 use serde::Serialize;
@@ -66,7 +67,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let rule = "holds polynomials already";
         return Err(Finding::error(&path.display().to_string(), rule, "name --centre CPF to take them to the centre"));
     }
-    let (files, campaign_paths) = sort_paths(&paths)?;
+    let (files, campaign_paths) = sort_paths(&paths, terminal)?;
+    if campaign_paths.is_empty() {
+        refuse_without_runs(arguments)?;
+    }
     let named = arguments.centre.iter().chain(&arguments.off_centre).chain(&arguments.offset).chain(&polynomials);
     common.results.places(named.chain(arguments.runs.files()));
     common.results.accept_files(&files)?;
@@ -75,14 +79,18 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let mut failures: Vec<(String, Failure)> = Vec::new();
     let mut input = ThermalInput::default();
     read_files(&files, &mut input, terminal, &mut failures);
+    let mut missing = arguments.excluding.clone();
+    for exclusion in &arguments.excluding.exclude {
+        let left_out = input.leave_out(exclusion)?;
+        left_out.iter().for_each(|file| terminal.warning(&format!("{file} is left out: {}", exclusion.reason)));
+        missing.exclude.retain(|e| e != exclusion || left_out.is_empty());
+    }
     let campaigns = if campaign_paths.is_empty() {
+        missing.check(&[])?;
         Vec::new()
     } else {
         open_without(&campaign_paths, &arguments.excluding, common, terminal)?
     };
-    if campaigns.is_empty() {
-        refuse_without_runs(&options)?;
-    }
     let desk = common.desk_without(&arguments.excluding);
     let (mut measured, total) =
         measure(&campaigns, &options.analyses(arguments.sweeping.options()), &desk, terminal, &mut failures);
@@ -170,16 +178,33 @@ fn read_files(files: &[PathBuf], input: &mut ThermalInput, terminal: &Terminal, 
     }
 }
 
-/// Options that say how runs are analysed need runs.
-fn refuse_without_runs(options: &ThermalOptions) -> Result<(), Finding> {
-    let rule = "changes nothing where only parameter files are named";
-    if let Some(facility) = &options.facility {
-        return Err(Finding::error(&facility.input.path, rule, "name the runs, or leave --facility out"));
+/// Options that say how runs are analysed need runs: a file that states one would claim what nothing did.
+fn refuse_without_runs(arguments: &Arguments) -> Result<(), Finding> {
+    let Runs { order, linear, corrections, cut } = &arguments.runs;
+    let sweeping = arguments.sweeping.options();
+    let usual = sweep::Options::default();
+    let is_of_runs = |order: &Order| !matches!(order, Order::Quantity(..));
+    let given = [
+        ("--order N", order.iter().any(is_of_runs)),
+        ("--max-field", !linear.max_field.is_empty()),
+        ("--robust", linear.robust),
+        ("--linearisation", linear.linearisation.is_some()),
+        ("--facility", corrections.facility.is_some()),
+        ("--model", corrections.model.is_some()),
+        ("--settling", cut.settling != Settling::Found),
+        ("--coverage", cut.coverage != LEAST_COVERAGE),
+        ("--window", !sweeping.window.is_usual()),
+        ("--max-rate", sweeping.most_k_per_min.is_some()),
+        ("--lag", sweeping.lag != usual.lag),
+        ("--joint", arguments.joint),
+    ];
+    match given.into_iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => {
+            let rule = "changes nothing where only parameter files are named";
+            Err(Finding::error(option, rule, "name the runs, or leave it out"))
+        }
+        None => Ok(()),
     }
-    if let Some(model) = &options.model {
-        return Err(Finding::error(&model.input.path, rule, "name the runs, or leave --model out"));
-    }
-    Ok(())
 }
 
 /// No run has a temperature.
@@ -360,7 +385,7 @@ fn publish_runs(measured: &[Measured], desk: &Desk, terminal: &Terminal, failure
 }
 
 /// Parameter files, and what holds runs.
-fn sort_paths(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding> {
+fn sort_paths(paths: &[PathBuf], terminal: &Terminal) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding> {
     let (mut files, mut campaigns) = (Vec::new(), Vec::new());
     for path in paths {
         if is_parameter_file(path) {
@@ -372,7 +397,7 @@ fn sort_paths(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding
                 let shown = path.display().to_string();
                 return Err(Finding::error(&shown, "the folder holds neither runs nor parameter files", "check the path"));
             }
-            files.extend(one_of_each_run(path, found)?);
+            files.extend(those_that_hold(path, found, terminal)?);
         } else {
             campaigns.push(path.clone());
         }
@@ -380,15 +405,27 @@ fn sort_paths(paths: &[PathBuf]) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding
     Ok((files, campaigns))
 }
 
-/// Of a run with two calibrations that of its thermal group, unless the index of the folder says that that of the run alone was made again
-/// since.
-fn one_of_each_run(folder: &Path, mut found: Vec<PathBuf>) -> Result<Vec<PathBuf>, Finding> {
+/// The files that the index of their folder does not give up, since their runs are gone, refused or left out; of a run with two calibrations that of
+/// its thermal group, unless the index says that that of the run alone was made again since.
+fn those_that_hold(folder: &Path, mut found: Vec<PathBuf>, terminal: &Terminal) -> Result<Vec<PathBuf>, Finding> {
     found.sort();
     let index = index::read(folder)?;
-    let is_overtaken = |path: &Path| {
-        let inside = path.strip_prefix(folder).unwrap_or(path).to_string_lossy();
-        index.as_ref().is_some_and(|index| index.is_overtaken(&inside))
-    };
+    let inside = |path: &Path| path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();
+    let listed = |path: &Path| index.as_ref().and_then(|index| index.file(&inside(path)));
+    found.retain(|path| {
+        let given_up = listed(path).and_then(|file| file.mark);
+        if let Some(state) = given_up {
+            terminal.warning(&format!("{} is left out: its run is {state} by the index of the folder", path.display()));
+        }
+        given_up.is_none()
+    });
+    for path in &found {
+        if let Some(file) = listed(path).filter(|file| file.stale) {
+            let why = file.reason.as_deref().unwrap_or("what it was made from has changed");
+            terminal.warning(&format!("{} is stale and used as it is: {why}", path.display()));
+        }
+    }
+    let is_overtaken = |path: &Path| index.as_ref().is_some_and(|index| index.is_overtaken(&inside(path)));
     let pair = |path: &PathBuf| alone_of(&path.to_string_lossy()).map(PathBuf::from).filter(|alone| found.contains(alone));
     let left: Vec<PathBuf> = found
         .iter()

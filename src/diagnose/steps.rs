@@ -136,8 +136,13 @@ impl Facts {
             place: self.place,
             p_value,
             trials,
-            // It is simulated for the search, the single one is that beside all other terms: the chance of any is no less than that of one.
-            p_value_corrected: p_value_corrected.max(p_value),
+            // It is simulated for the search, the single one is that beside all other terms, which may have become weaker. Then any of the
+            // candidates is as weak at most so many times as often.
+            p_value_corrected: if p_value_corrected > p_value {
+                p_value_corrected
+            } else {
+                (p_value * trials as f64).clamp(p_value, 1.0)
+            },
             gap_before,
             gap_after,
             strength_k,

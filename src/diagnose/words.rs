@@ -129,6 +129,12 @@ pub fn next_measurement(effect: EffectRef, others: &[EffectRef]) -> Option<Strin
     Some(all.join("; "))
 }
 
+/// A unit behind a number; nothing for numbers without one.
+#[must_use]
+pub fn unit(unit: &str) -> String {
+    if matches!(unit, "" | "1") { String::new() } else { format!(" {unit}") }
+}
+
 /// The sentence for the protocol.
 #[must_use]
 pub fn sentence(step: &Step) -> String {
@@ -143,8 +149,8 @@ pub fn sentence(step: &Step) -> String {
         .take(4)
         .filter(|_| step.covariate.is_none())
         .map(|p| match p.std {
-            Some(std) => format!("{} = {} {}", p.name, number(p.value, std), p.unit),
-            None => format!("{} = {:.4e} {}", p.name, p.value, p.unit),
+            Some(std) => format!("{} = {}{}", p.name, number(p.value, std), unit(&p.unit)),
+            None => format!("{} = {:.4e}{}", p.name, p.value, unit(&p.unit)),
         })
         .collect();
     let with = if values.is_empty() { String::new() } else { format!(", {}", values.join(", ")) };

@@ -79,6 +79,12 @@ impl Course {
         })
     }
 
+    /// Readings on either side that a value follows from; 0 for the reading alone.
+    #[must_use]
+    pub fn reach(&self) -> usize {
+        self.reach.unwrap_or(0)
+    }
+
     /// How it follows from readings.
     #[must_use]
     pub fn weights(&self) -> Weights {

@@ -112,6 +112,11 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let Followed { mut lags, chosen } = Followed::of(&channels, &own, &means, asked.usual().higher().linear(), &mut notes);
     let (channel, series) = &channels[chosen];
     let linear = asked.usual().higher().linear();
+    let whole = thermistors::without_wrong_ends(channel, series, &means, linear, &mut notes);
+    if let Some(whole) = &whole {
+        lags[chosen] = thermistors::find_lag(channel, whole, &means, linear);
+    }
+    let series = whole.as_ref().unwrap_or(series);
     let told_s = temperature_faults::largest_jump_s(run, channel, span_s);
     let seen = match told_s {
         Some(t_s) => Step::beyond(series, &means, linear, t_s),

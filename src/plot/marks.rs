@@ -135,7 +135,8 @@ pub(super) fn envelope_alpha(panel: &Panel) -> f64 {
 /// Draws the series of a panel.
 pub(super) fn draw_series(canvas: &mut Canvas, frame: &Frame, panel: &Panel) {
     let mut series: Vec<&Series> = panel.series.iter().collect();
-    series.sort_by_key(|s| (s.marks.layer(), s.style as u8));
+    // Within a layer what stands first lies below.
+    series.sort_by_key(|s| s.marks.layer());
     let dense = series.partition_point(|s| s.marks.layer() < 3);
     let (dense, points) = series.split_at(dense);
     for one in dense {

@@ -224,7 +224,7 @@ fn against(null: &Null, id: &str, name: &str) -> Option<Figure> {
             };
             let at = |v: f64| (v, mean + slope * (v - centre));
             let alone = if beside.is_some() {
-                format!("; alone {:+.1e} ± {:.0e}", part.coefficient_ent[c], part.coefficient_std_ent[c])
+                format!("; alone {:+.2e} ± {:.1e}", part.coefficient_ent[c], part.coefficient_std_ent[c])
             } else {
                 format!(", correlation {:+.2}", part.correlation[c])
             };

@@ -206,22 +206,20 @@ pub fn noise_of(
             *sum += all * (contrasts.mean_square[*component] - taken * contrasts.mean[*component].powi(2)).max(0.0);
         }
     }
+    let readings = DMatrix::from_fn(used.len(), components.len(), |i, a| used[i].mean.0[components[a]]);
     octaves.extend(octaves.is_empty().then(|| stated_scatter(used, components)).flatten());
     if octaves.is_empty() {
         let times: Vec<f64> = used.iter().map(|p| p.t_s()).collect();
-        return dense::estimate(solution, &times);
+        return dense::estimate(solution, &times, Some(&readings));
     }
     for octave in &mut octaves {
         octave.white /= octave.count;
     }
     let samples: Vec<f64> = used.iter().map(|p| p.count.map_or(f64::NAN, |n| n as f64)).collect();
     let intervals: Vec<[f64; 2]> = used.iter().map(|p| p.used_s).collect();
-    let [variances, readings] = [0, 1].map(|which| {
-        DMatrix::from_fn(used.len(), components.len(), |i, a| match which {
-            0 if within == Within::Drift => scatter_about_a_line(used[i], components[a]),
-            0 => used[i].std_ent.map_or(f64::NAN, |s| s[components[a]].powi(2)),
-            _ => used[i].mean.0[components[a]],
-        })
+    let variances = DMatrix::from_fn(used.len(), components.len(), |i, a| match within {
+        Within::Drift => scatter_about_a_line(used[i], components[a]),
+        Within::Still => used[i].std_ent.map_or(f64::NAN, |s| s[components[a]].powi(2)),
     });
     let scatter = Some([&variances, &readings]);
     dense::estimate_with(solution, &Sampled { intervals: &intervals, counts: &samples, octaves: &octaves, scatter, group })

@@ -50,6 +50,13 @@ pub enum Fault {
         /// The same in °C if it has this unit.
         degc: f64,
     },
+    /// A channel of a room that reads no temperature of one, while a channel of the sensor does.
+    Exchanged {
+        /// Median of the readings, °C.
+        read: f64,
+        /// The channel of the sensor, and the median of its readings, °C.
+        other: (String, f64),
+    },
     /// Another temperature than a channel of the same body.
     Apart {
         /// That channel.
@@ -100,6 +107,10 @@ impl ChannelFault {
                     "temperature channel {channel} reads {read:.1}, as if in {unit}: {degc:.1} °C (probability that it is in °C {chance})"
                 )
             }
+            Fault::Exchanged { read, other: (other, degc) } => format!(
+                "temperature channel {channel} of a room reads {read:.1} °C and {other} {degc:.1} °C, as if the two were exchanged (probability \
+                 of such a room {chance})"
+            ),
             Fault::Apart { neighbour, by_k, decided } => {
                 let which = if *decided { "" } else { "; which of the two is wrong is not known" };
                 format!(
@@ -116,12 +127,15 @@ impl ChannelFault {
 pub fn faults(run: &Run, instructions: &Instructions) -> Vec<ChannelFault> {
     let table = &run.temperatures;
     let rooms = rooms(run, instructions);
+    let (sensor, _) = instructions.channels(&run.header);
     let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
     let mut found: Vec<ChannelFault> = Vec::new();
     for channel in &channels {
         let others: Vec<&Channel> = channels.iter().filter(|c| c.name != channel.name).collect();
         let in_room = rooms.iter().any(|room| room == channel.name);
-        found.extend(channel.unit(&others, in_room).or_else(|| channel.apart(&others)));
+        let of_sensor: Option<&&Channel> = others.iter().find(|o| in_room && o.name == sensor);
+        let exchanged = || of_sensor.and_then(|of_sensor| channel.exchanged(of_sensor));
+        found.extend(channel.unit(&others, in_room).or_else(exchanged).or_else(|| channel.apart(&others)));
         found.extend(channel.jumps(&others));
         found.extend(channel.stands_still(&others));
     }

@@ -17,14 +17,22 @@ pub fn document(mission: &str, instrument: &str, notes: &[String], days: &[DaySh
     sections.extend(heaters(days));
     sections.extend(shared(days));
     let mut remarks = Section::new("Remarks");
-    let mut said: Vec<&String> = Vec::new();
-    for note in notes.iter().chain(days.iter().flat_map(|(day, _)| &day.notes)) {
-        if !said.contains(&note) {
-            said.push(note);
+    // Each once, with the days that it is of.
+    let mut said: Vec<(&String, Vec<String>)> = Vec::new();
+    let of_days = days.iter().flat_map(|(day, _)| day.notes.iter().map(move |note| (note, Some(day))));
+    for (note, day) in notes.iter().map(|note| (note, None)).chain(of_days) {
+        let name = day.map(|day| format!("{} {}", day.sensor, day.day));
+        match said.iter_mut().find(|(other, of)| *other == note && of.is_empty() == name.is_none()) {
+            Some((_, of)) => of.extend(name),
+            None => said.push((note, name.into_iter().collect())),
         }
     }
     if !said.is_empty() {
-        remarks.push(Block::List(said.into_iter().map(|note| Text::from(note.as_str())).collect()));
+        let text = |(note, of): (&String, Vec<String>)| match of.as_slice() {
+            [] => Text::from(note.as_str()),
+            of => Text::from(format!("{}: {note}", of.join(", ")).as_str()),
+        };
+        remarks.push(Block::List(said.into_iter().map(text).collect()));
     }
     remarks.push(
         "Uncertainties in the files: `ua` is independent from vector to vector, `uc` common to all of them. Fields of the spacecraft, the \

@@ -8,6 +8,7 @@ use super::centre::Member;
 use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw, each};
 use crate::data::across::{CalibratedRun, LinearScope, RunRotations, RunValues};
 use crate::data::error::Finding;
+use crate::data::exclusion::{ExcludedPart, Exclusion};
 use crate::data::note::{Note, NoteKind, Told};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::reference::StatedReference;
@@ -65,6 +66,22 @@ impl ThermalInput {
             self.inputs.extend(one.provenance().map(|p| (point.file.clone(), p.input.clone())));
             self.points.push(point);
         }
+    }
+
+    /// Leaves out the files of a run that is excluded; their names are returned.
+    ///
+    /// # Errors
+    /// Only a part of the run is excluded, which its file holds already.
+    pub fn leave_out(&mut self, exclusion: &Exclusion) -> Result<Vec<String>, Finding> {
+        let is_of = |p: &&CalibratedRun| p.run.id == exclusion.run;
+        let files: Vec<String> = self.points.iter().filter(is_of).map(|p| p.file.clone()).collect();
+        if let (Some(file), true) = (files.first(), exclusion.part != ExcludedPart::Run) {
+            let rule = format!("is a part of a run whose result {file} holds already");
+            let remedy = "exclude the whole run, or name the runs in place of their files";
+            return Err(Finding::error(&format!("--exclude {exclusion}"), rule, remedy));
+        }
+        self.points.retain(|p| p.run.id != exclusion.run);
+        Ok(files)
     }
 
     /// Leaves out the run at the centre, which is none of those beside it, also where its file lies in their folder.

@@ -66,5 +66,5 @@ fn alone(set: &RunSet) -> Vec<RunCandidate> {
 /// Name and unit of the deviation of a value.
 fn parameter(class: usize, i: usize) -> (String, &'static str) {
     let suffix = [COMPONENTS, COMPONENTS, ["xy", "xz", "yz"]][class][i];
-    (format!("{}_{suffix}", CLASSES[class]), ["", "nT", "deg"][class])
+    (format!("{}_{suffix}", CLASSES[class]), ["1", "nT", "deg"][class])
 }

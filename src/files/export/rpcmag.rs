@@ -328,7 +328,11 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
     file.covariance = known.covariance();
     if !lacking.is_empty() {
         let files: Vec<&str> = sources.iter().map(Source::name).collect();
-        return Err(Finding::error(&files.join(", "), lacking.join("; "), "name the files that are missing"));
+        return Err(Finding::error(
+            &files.join(", "),
+            lacking.join("; "),
+            "name the files that are missing; for a report `[[thermistor]]` of campaign.toml",
+        ));
     }
     let name = if run_id_is_safe(&file.sensor) {
         format!("RPCMAG_GND_CALIB_{}.TXT", file.sensor)

@@ -337,11 +337,19 @@ impl Open<'_> {
             if let Some(count) = vector.iter().find(|c| !(low..=high).contains(*c))
                 && (quality & mission.reject_mask == 0 || count.is_finite())
             {
-                let rule = format!("the count {count} is none of the converter, {low} to {high}");
+                let rule = if count.is_nan() {
+                    "a count has no value".to_owned()
+                } else {
+                    format!("the count {count} is none of the converter, {low} to {high}")
+                };
                 return Err(self.refuse(row, &rule, "correct it, or state the bits of the converter with adc_bits"));
             }
             if quality & mission.reject_mask == 0 && !sensor.ground.is_empty() && !THERMISTOR_COUNTS.contains(&thermistor[row]) {
-                let rule = format!("the thermistor count {} is none of 16 bits", thermistor[row]);
+                let rule = if thermistor[row].is_nan() {
+                    "the thermistor count has no value".to_owned()
+                } else {
+                    format!("the thermistor count {} is none of 16 bits", thermistor[row])
+                };
                 return Err(self.refuse(row, &rule, "correct it, or reject the vector by its quality"));
             }
             let own_range = range.as_ref().map_or(0, |r| r[row]);

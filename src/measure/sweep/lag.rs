@@ -91,10 +91,10 @@ pub(super) fn settle(
     let (mut lag, mut decision) = begin(screened, choice, of_model);
     let mut declined = None;
     if let (LagDecision::Found, Some(candidate)) = (decision, lag) {
-        if let Some(settled) = claimed(problem, asked, course, candidate, notes)? {
-            return Ok(settled);
+        match claimed(problem, asked, course, candidate, notes)? {
+            Claim::Made(settled) => return Ok(*settled),
+            Claim::Declined(rival) => declined = Some((candidate, rival)),
         }
-        declined = Some(candidate);
         (lag, decision) = (None, LagDecision::NoneClaimed);
     }
     if of_model.is_some() && decision != LagDecision::OfTheModel {
@@ -183,14 +183,22 @@ fn effect(
 
 /// What is said of a lag that is not claimed: that `declined` would explain the readings, or how long one would not show; and what such a lag
 /// would do, or one of a minute if longer ones would not show either.
-fn unclaimed(channel: &str, declined: Option<Lag>, effect: Option<Effect>) -> Option<Note> {
+fn unclaimed(channel: &str, declined: Option<(Lag, Rival)>, effect: Option<Effect>) -> Option<Note> {
     let (why, lag_s) = match (declined, &effect) {
-        (Some(lag), _) => {
+        (Some((lag, rival)), _) => {
             let lag_s = lag.signed_seconds();
-            let text = format!(
-                "a lag of {lag_s:.0} s behind {channel} explains the readings, but so do polynomials of one order higher: none is claimed"
-            );
-            (text, lag_s.abs())
+            let but = match rival {
+                Rival::Polynomials => "so do polynomials of one order higher".to_owned(),
+                Rival::Readings { t_s } => {
+                    format!("only those near {t_s:.0} s show it, as where a reading of {channel} there is wrong")
+                }
+                Rival::Drift { by_k } => {
+                    format!(
+                        "{channel} that drifts by {by_k:.2} K within the run explains them better; the polynomials are without either"
+                    )
+                }
+            };
+            (format!("a lag of {lag_s:.0} s behind {channel} explains the readings, but {but}: none is claimed"), lag_s.abs())
         }
         (None, Some(effect)) if effect.hidden_s * effect.per_s > TOLD => {
             let hidden = seconds(effect.hidden_s);
@@ -254,20 +262,79 @@ pub(super) fn possible(screened: &ThermistorLag, choice: LagChoice, of_model: Op
     }
 }
 
-/// The fit with a lag, if it is significant beside polynomials of one order higher.
+/// What explains the readings as well as a lag does.
+enum Rival {
+    /// Polynomials of one order higher.
+    Polynomials,
+    /// A wrong reading of the thermistor at this time, s since the run's start: without the settings beside it no lag is left.
+    Readings { t_s: f64 },
+    /// A thermistor that drifts steadily, K from the first to the last setting.
+    Drift { by_k: f64 },
+}
+
+/// Whether a lag is claimed.
+enum Claim {
+    Made(Box<Settled>),
+    Declined(Rival),
+}
+
+/// The time of the reading of the thermistor, s, without which a lag that residuals ask for would not be significant: a lag acts wherever the
+/// temperature moves, a wrong reading beside itself. Not asked where more than half of what tells a lag is beside one reading.
+fn rests_on_one_reading(
+    problem: &Problem,
+    fit: &SensorFit,
+    slope: &DMatrix<f64>,
+    course: &Course,
+    noise: &DenseNoise,
+) -> Option<f64> {
+    let rows = of_lag(&fit.influence(Some(slope)).ok()?);
+    let std_s = noise.covariance_of(&rows)[(0, 0)].sqrt();
+    // What every setting adds to the lag, and its part of what tells one.
+    let sums: Vec<[f64; 2]> = (0..problem.settings())
+        .map(|i| [&fit.residual_ent, slope].map(|of| (0..3).map(|c| rows[c][i] * of[(i, c)]).sum()))
+        .collect();
+    let lag_s: f64 = sums.iter().map(|sum| sum[0]).sum();
+    let beside = course.reach() + 1;
+    let time = |j: usize| course.series[j].0;
+    (0..course.series.len()).find_map(|j| {
+        let near_s = [time(j.saturating_sub(beside)), time((j + beside).min(course.series.len() - 1))];
+        let near = problem.means.t_s.iter().zip(&sums).filter(|(t_s, _)| near_s[0] <= **t_s && **t_s <= near_s[1]);
+        let [of_lag, part] = near.fold([0.0; 2], |[a, b], (_, sum)| [a + sum[0], b + sum[1]]);
+        let rest = (lag_s - of_lag) * lag_s.signum();
+        (part < 0.5 && rest < SIGNIFICANT * std_s * (1.0 - part).sqrt()).then(|| time(j))
+    })
+}
+
+/// A steady drift of the thermistor, K from the first to the last setting, and what it takes off the deviance of a fit without a lag.
+fn drift(problem: &Problem, fit: &SensorFit, degc: &[f64], orders: Orders) -> Option<(f64, f64)> {
+    let t_s = &problem.means.t_s;
+    let (first, last) = (t_s.first()?, t_s.last()?);
+    let drifted = |by_k: f64| -> Vec<f64> {
+        degc.iter().zip(t_s).map(|(degc, t)| degc + by_k * ((t - first) / (last - first) - 0.5)).collect()
+    };
+    let slope = slope(DISTANCE_K, |by_k| fit.readings_ent(&drifted(by_k)))?;
+    let by_k = step_s(&of_lag(&fit.influence(Some(&slope)).ok()?), fit);
+    let refit = problem.fit(&drifted(by_k), orders).ok()?;
+    Some((by_k, problem.deviance(fit) - problem.deviance(&refit)))
+}
+
+/// The fit with a lag, if it is significant beside polynomials of one order higher, all along the run, and no worse than a drift of the
+/// thermistor.
 fn claimed(
     problem: &Problem,
     asked: &Asked,
     course: &Course,
     candidate: Lag,
     notes: &mut Vec<Note>,
-) -> Result<Option<Settled>, SweepError> {
+) -> Result<Claim, SweepError> {
     let orders = asked.choose(problem, &problem.means.degc(&candidate.of(course)))?;
     let above = asked.above(orders);
-    let Ok(higher) = lagged(problem, course, candidate, above) else { return Ok(None) };
-    let without = problem.fit(&problem.means.degc(&course.series), above)?;
+    let declined = |rival: Rival| Ok(Claim::Declined(rival));
+    let Ok(higher) = lagged(problem, course, candidate, above) else { return declined(Rival::Polynomials) };
+    let given_degc = problem.means.degc(&course.series);
+    let without = problem.fit(&given_degc, above)?;
     let gain = problem.deviance(&without) - problem.deviance(&higher.fit);
-    let Ok(own) = lagged(problem, course, candidate, orders) else { return Ok(None) };
+    let Ok(own) = lagged(problem, course, candidate, orders) else { return declined(Rival::Polynomials) };
     let noise = problem.noise(&own.fit, &own.degc, orders)?;
     let uncertain = |lagged: &Lagged, influence: &[DMatrix<f64>; 3]| {
         let Lagged { fit, lag, degc, .. } = lagged;
@@ -279,10 +346,19 @@ fn claimed(
     let (lag_s, higher_s) = (own.lag.signed_seconds(), higher.lag.signed_seconds());
     // Where nothing depends on the temperature any lag is as good as none, whatever its neighbours are: it must show from none as well.
     let shows = |(lag_s, std_s): (f64, f64)| lag_s.abs() > SIGNIFICANT * std_s;
-    let from_none = slope_at_none(problem, &without, course).and_then(|slope| lag_beside(&without, &slope, &noise));
+    let at_none = slope_at_none(problem, &without, course);
+    let from_none = at_none.as_ref().and_then(|slope| lag_beside(&without, slope, &noise));
     let is_significant = shows((higher_s, higher_std_s)) && from_none.is_some_and(shows) && gain > SIGNIFICANT * SIGNIFICANT;
     if !is_significant {
-        return Ok(None);
+        return declined(Rival::Polynomials);
+    }
+    if let Some(t_s) = at_none.and_then(|slope| rests_on_one_reading(problem, &without, &slope, course, &noise)) {
+        return declined(Rival::Readings { t_s });
+    }
+    if let Some((by_k, of_drift)) = drift(problem, &without, &given_degc, above)
+        && of_drift > gain + SIGNIFICANT * SIGNIFICANT
+    {
+        return declined(Rival::Drift { by_k });
     }
     // What the shorter polynomials add to the knowledge of the lag.
     let apart_s = (higher_std_s.powi(2) - std_s.powi(2)).max(0.0).sqrt();
@@ -295,7 +371,7 @@ fn claimed(
     }
     let applied = applied(Some(own.lag), Some(std_s), LagDecision::Found);
     let moved = own.lag.of(course);
-    Ok(Some(Settled { fit: own.fit, orders, degc: own.degc, moved, noise, covariance, applied }))
+    Ok(Claim::Made(Box::new(Settled { fit: own.fit, orders, degc: own.degc, moved, noise, covariance, applied })))
 }
 
 /// The fit in which the lag is a parameter, from a lag near by.

@@ -8,6 +8,7 @@ use crate::data::plateau::Plateau;
 use crate::data::run::{Run, interpolate};
 use crate::fit::smooth::Course;
 use crate::fit::statistics::{extent, slope};
+use crate::fit::{Limits, polynomial};
 use crate::model::lag::{self, Lag};
 use crate::record::temperature_faults;
 
@@ -16,6 +17,9 @@ const MOST_LAG_S: f64 = 2400.0;
 const MOST_LAG_PART: f64 = 0.125;
 /// A lag below this many standard uncertainties is not significant.
 pub(super) const SIGNIFICANT: f64 = 4.0;
+/// Readings beside the first and the last one that tell its course, and the order of that.
+const BESIDE: usize = 6;
+const COURSE_ORDER: usize = 2;
 /// Half of the time over which the rate of a thermistor is taken, s.
 const RATE_S: f64 = 300.0;
 
@@ -85,6 +89,47 @@ pub(super) fn find_lag(channel: &str, series: &[(f64, f64)], means: &Means, orde
         // Geometric mean of the components.
         residual_std_ent: (0.5 * left / (3.0 * means.t_s.len() as f64)).exp(),
     }
+}
+
+/// The readings with the first and the last one on the course of those beside them, where that explains the readings of the sensor clearly better:
+/// such a reading is wrong. One inside is told by its neighbours on both sides (`record::temperature_faults`); at an end a course that changes looks the same.
+/// A lag moves nothing here, since the course that a right reading is put on is its own.
+pub(super) fn without_wrong_ends(
+    channel: &str,
+    series: &[(f64, f64)],
+    means: &Means,
+    orders: LinearOrders,
+    notes: &mut Vec<Note>,
+) -> Option<Series> {
+    if series.len() <= 2 * BESIDE {
+        return None;
+    }
+    let deviance = |series: &[(f64, f64)]| means.deviance(&means.degc(&Course::smooth(series).series), orders);
+    let (mut mended, mut without) = (series.to_vec(), deviance(series));
+    let last = series.len() - 1;
+    for (place, beside) in [(0, 1..=BESIDE), (last, last - BESIDE..=last - 1)] {
+        let (t_s, read) = series[place];
+        let (times_s, values): (Vec<f64>, Vec<f64>) = series[beside].iter().copied().unzip();
+        let Ok(course) = polynomial::fit(&times_s, &values, None, COURSE_ORDER, &Limits::default()) else { continue };
+        let course = course.evaluate(t_s).0;
+        let mut one = mended.clone();
+        one[place].1 = course;
+        let with = deviance(&one);
+        if without - with > SIGNIFICANT * SIGNIFICANT {
+            let text = format!(
+                "the reading of {channel} at {t_s:.0} s is {:+.2} K off the course of those beside it, and the sensor follows that course: it is taken \
+                 from there",
+                read - course
+            );
+            notes.push(
+                Note::new(NoteKind::Temperature, text)
+                    .about(channel)
+                    .with_remedy("look at the first and last readings of the channel"),
+            );
+            (mended, without) = (one, with);
+        }
+    }
+    (mended != series).then_some(mended)
 }
 
 /// Slope of the straight line through the readings around a time, K/s: how fast the temperature moves.

@@ -42,6 +42,14 @@ impl Channel<'_> {
         Some(fahrenheit(like(other, read)))
     }
 
+    /// Whether this channel of a room and that of the sensor were exchanged.
+    pub(super) fn exchanged(&self, sensor: &Channel) -> Option<ChannelFault> {
+        let of_a_room = |degc: f64| two_sided_tail((degc - ROOM_DEGC[0]).abs() / ROOM_DEGC[1]);
+        let other = (sensor.name.to_owned(), sensor.median);
+        let is_so = of_a_room(self.median) < LEAST_AGREEMENT && of_a_room(sensor.median) > SENSIBLE;
+        is_so.then(|| self.fault(Fault::Exchanged { read: self.median, other }, of_a_room(self.median)))
+    }
+
     pub(super) fn apart(&self, others: &[&Channel]) -> Option<ChannelFault> {
         let neighbour = others.iter().find(|o| is_neighbour(self.name, o.name))?;
         let rate_k_per_s = |channel: &Channel| {

@@ -12,6 +12,8 @@ const LEAST_PROBABILITY: f64 = 1e-9;
 const DIGITS: f64 = 2.0;
 /// Fewer readings do not tell that a channel has no scatter at all.
 const LEAST_STILL: usize = 20;
+/// The same of a channel beside which none scatters.
+const LEAST_ALONE: usize = 60;
 /// While a channel stands still its neighbour moves by this much, K.
 const NEIGHBOUR_MOVED_K: f64 = 3.0;
 
@@ -51,6 +53,11 @@ impl Channel<'_> {
             return Some(self.fault(Fault::StandsStill { time_s, degc: first.1, neighbour: Some(neighbour) }, probability));
         }
         if let (true, Some(probability)) = (best.len() == self.series.len(), self.still_beside(others)) {
+            return Some(self.fault(Fault::StandsStill { time_s, degc: first.1, neighbour: None }, probability));
+        }
+        // A channel without any scatter, which nothing else tells of: were it that of the last digit, two in a row would be equal as often as below.
+        if best.len() == self.series.len() && best.len() >= LEAST_ALONE {
+            let probability = (2.0 * std::f64::consts::PI.sqrt()).recip().powf((best.len() - 1) as f64);
             return Some(self.fault(Fault::StandsStill { time_s, degc: first.1, neighbour: None }, probability));
         }
         // What the readings scatter by elsewhere, against their last digit: two in a row are equal by chance with digit / (2 s sqrt(pi)).

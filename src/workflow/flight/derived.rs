@@ -9,6 +9,7 @@ use crate::data::flags::Flags;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Input;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
+use crate::data::units::counted;
 use crate::files::flight::levels::LevelRows;
 use crate::files::flight::mission::{Common, Heater, Span};
 use crate::fit::spectrum::Density;
@@ -164,9 +165,8 @@ pub fn without_heater(context: &Context<'_>, blocks: &[Block], made: &mut DayMad
         own.partition(|jump| stated.from_table || !is_in_gap(&all, jump.time_tt2000, &step_ns));
     made.jumps = seen.into_iter().map(|jump| JumpFound::of(jump, &stated.classes)).collect();
     if !unseen.is_empty() {
-        let count = unseen.len();
-        made.notes
-            .push(format!("{count} heater jumps lie in gaps, where their times are not known: they are closed and not listed"));
+        let jumps = counted(unseen.len() as u64, "heater jump");
+        made.notes.push(format!("{jumps} in gaps, where times are not known: closed and not listed"));
     }
     Ok(out)
 }

@@ -34,10 +34,7 @@ pub fn check(path: &Path) -> Vec<Finding> {
     for sensor in &prepared.mission.sensors {
         let mut days: Vec<i32> = prepared.catalogue.of(&sensor.name).iter().filter_map(|file| file.day).collect();
         days.dedup();
-        if prepared.catalogue.of(&sensor.name).is_empty() {
-            let rule = format!("there is no telemetry of {} in {}", sensor.name, prepared.mission.input.display());
-            findings.push(Finding::error(&path.display().to_string(), rule, "see `input`").weighing(Severity::Warning));
-        }
+        findings.extend(no_telemetry(&prepared, &sensor.name, path));
         // A partition may hold a few vectors that belong to the day beside it, so that its model may lack.
         for day in days {
             if let Err(finding) = prepared.daily(sensor, day) {
@@ -46,6 +43,14 @@ pub fn check(path: &Path) -> Vec<Finding> {
         }
     }
     findings
+}
+
+/// Says of a sensor that it has no telemetry, if it has none.
+pub(super) fn no_telemetry(prepared: &Prepared, sensor: &str, path: &Path) -> Option<Finding> {
+    prepared.catalogue.of(sensor).is_empty().then(|| {
+        let rule = format!("there is no telemetry of {sensor} in {}", prepared.mission.input.display());
+        Finding::error(&path.display().to_string(), rule, "see `input`").weighing(Severity::Warning)
+    })
 }
 
 /// What there is in the telemetry of all days, as it would be processed, without writing anything; what is wrong with a day goes to

@@ -396,6 +396,8 @@ impl Flight {
             let remedy = "name one of its [[sensor]], or `common` for what is made of two";
             return Err(Finding::error(&shown, format!("has no sensor {name}"), remedy));
         }
+        let asked = prepared.mission.sensors.iter().filter(|s| options.sensor.as_ref().is_none_or(|name| *name == s.name));
+        findings.extend(asked.filter_map(|s| look::no_telemetry(&prepared, &s.name, path)));
         let carry = match &options.carry {
             Some(file) => {
                 let carry = Carry::read(file)?;
@@ -546,7 +548,10 @@ impl Flight {
             made.levels.push(Level::J.letter().to_owned());
         }
         if made.levels.is_empty() {
-            return Ok(None);
+            let asked: Vec<&str> = self.wanted.iter().filter(|level| level.is_of_two()).map(|level| level.letter()).collect();
+            let shown = self.prepared.mission.input.display().to_string();
+            let rule = format!("gives no vectors of two sensors on {}, which level {} is made of", made.day, asked.join(", "));
+            return Err(Finding::error(&shown, rule, "leave the level out, or see `input`"));
         }
         pictures.write(&made, &self.options.out, self.options.force)?;
         Ok(Some(made))
@@ -591,8 +596,11 @@ impl Flight {
 ///
 /// # Errors
 /// What is wrong with the configuration; what the operating system says.
-pub fn make_report(path: &Path, out: &Path, force: bool, findings: &mut Vec<Finding>) -> Result<(), Finding> {
-    picture::report(&prepare(path, findings)?, &[], out, force)
+pub fn make_report(path: &Path, out: &Path, force: bool, findings: &mut Vec<Finding>) -> Result<PathBuf, Finding> {
+    picture::report(&prepare(path, findings)?, &[], out, force)?.ok_or_else(|| {
+        let rule = "holds no days of flight processing";
+        Finding::error(&out.display().to_string(), rule, "name the folder of the levels with -o, or make them first")
+    })
 }
 
 /// The first pass alone, written as a table; it names the days whose continuity is not known, which cannot be made with it.

@@ -20,7 +20,7 @@ use crate::show::{Drawn, html};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 const REPORT: &str = "report";
 const DAYS: &str = "days";
@@ -174,13 +174,14 @@ pub fn spectra(before: &Series, after: &Series, day: &Range<Tt2000>, mode: u8, r
     Some((of(pick(before))?, of(pick(after))?))
 }
 
-/// Writes the report of all days that stand in a folder of results, with further notes: the page, and the table of heater jumps.
+/// Writes the report of all days that stand in a folder of results, with further notes: the page, whose path is returned, and the table of heater
+/// jumps; `None` where there are no days.
 ///
 /// # Errors
 /// A record of a day that cannot be read; what the operating system says.
-pub fn report(prepared: &Prepared, further: &[Note], out: &Path, force: bool) -> Result<(), Finding> {
+pub fn report(prepared: &Prepared, further: &[Note], out: &Path, force: bool) -> Result<Option<PathBuf>, Finding> {
     let folder = out.join(REPORT);
-    let Ok(entries) = std::fs::read_dir(folder.join(DAYS)) else { return Ok(()) };
+    let Ok(entries) = std::fs::read_dir(folder.join(DAYS)) else { return Ok(None) };
     let mut names: Vec<String> = entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     names.retain(|name| name.ends_with(".json") && !name.starts_with('.'));
     names.sort_unstable();
@@ -204,7 +205,7 @@ pub fn report(prepared: &Prepared, further: &[Note], out: &Path, force: bool) ->
     if days.iter().any(|(day, _)| !day.jumps.is_empty()) {
         jumps(&days, &target)?;
     }
-    Ok(())
+    Ok(Some(folder.join("REPORT.html")))
 }
 
 /// The table of all heater jumps.

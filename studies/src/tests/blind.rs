@@ -197,7 +197,7 @@ fn long_lags_are_no_curves_of_the_temperature() {
         let tau_s = effect.parameters[0].value;
         (effect.natural_size && tau_s > 600.0).then_some((seed, tau_s, blind))
     });
-    let of_nature: Vec<(u64, f64, Blind)> = of_nature.take(5).collect();
+    let of_nature: Vec<(u64, f64, Blind)> = of_nature.take(Size::asked().of(3, 5)).collect();
     of_nature.into_par_iter().for_each(|(seed, tau_s, blind)| {
         let steps = judge::judge(&blind).steps;
         assert_eq!(steps[0].effect, "thermal_lag", "{seed}: {tau_s} s");
@@ -314,7 +314,7 @@ fn limits_of_shares_are_those_of_clopper_and_pearson() {
 #[test]
 fn a_short_study_is_silent_on_noise_and_names_what_is_strong() {
     let size = Size::asked();
-    let count: u64 = size.of(24, 72);
+    let count: u64 = size.of(16, 72);
     let nulls = plan(count, 0, &[Kind::Lin, Kind::Sweep]);
     let score = Score::of(&run(&nulls, judge::judge, || {}).unwrap());
     let alarms: u64 = score.false_alarms.values().map(|share| share.hits).sum();

@@ -13,7 +13,7 @@ fn interrupted_reports_leave_whole_files_and_are_mended_by_the_next() {
     }
     let folder = tempfile::tempdir().unwrap();
     let scene = Scene::new(&program, &repository("runs/sample"), folder.path()).unwrap();
-    let mut list = vec![scene.kills(6, |_| ()).unwrap(), scene.pairs(2, |_| ()).unwrap()];
+    let mut list = vec![scene.kills(4, |_| ()).unwrap(), scene.pairs(1, |_| ()).unwrap()];
     if Scene::has_tracer() {
         list.extend(scene.failed_calls(1, |_| ()).unwrap());
         list.extend(scene.killed_at_calls(1, |_| ()).unwrap());

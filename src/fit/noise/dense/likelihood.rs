@@ -11,6 +11,15 @@ const NODES: usize = 48;
 /// Prior probability that there is no slow noise at all.
 const PRIOR_WHITE: f64 = 0.1;
 
+/// What only the residuals of one right-hand side tell.
+pub(super) struct Estimate {
+    pub noise: ComponentNoise,
+    /// Variance of a row if the noise is independent from row to row.
+    pub alone: f64,
+    /// Minus twice the logarithm of the likelihood averaged over the shares of slow noise, up to a constant.
+    pub deviance: f64,
+}
+
 /// The restricted likelihood of one right-hand side.
 #[derive(Clone, Copy)]
 pub(super) enum Likelihood<'a> {
@@ -53,11 +62,11 @@ impl Likelihood<'_> {
     }
 
     /// Averages over the likelihood and finds its maximum; `independent_rows` is left open.
-    pub(super) fn estimate(self) -> ComponentNoise {
+    pub(super) fn estimate(self) -> Estimate {
         let mut noise =
             ComponentNoise { std: 0.0, share: 0.0, most_likely_std: 0.0, most_likely_share: 0.0, independent_rows: f64::NAN };
         if self.is_silent() {
-            return noise;
+            return Estimate { noise, alone: 0.0, deviance: f64::NEG_INFINITY };
         }
         let grid = grid();
         let values: Vec<_> = grid.iter().map(|&(share, _)| self.deviance(share)).collect();
@@ -86,7 +95,7 @@ impl Likelihood<'_> {
         };
         noise.most_likely_share = share;
         noise.most_likely_std = variance.sqrt();
-        noise
+        Estimate { noise, alone: values[0].1, deviance: lowest - 2.0 * f64::ln(total) }
     }
 
     /// Minus twice the log likelihood of given white and slow variances, up to a constant.

@@ -13,7 +13,7 @@
 //! of the time only, and intervals that trust the maximum hold the mean of a record with slow noise far too seldom. The covariance is
 //! therefore averaged over the likelihood. Where rows are no means of samples, `a` is 1 and the share of slow noise has a mild prior (a
 //! tenth at zero, the rest uniform in the root of the white share); the price is intervals of mean and trend that are 1.4 to 2.4 times as
-//! wide as necessary where the noise is purely white.
+//! wide as necessary where the noise is purely white. That the scatter between the rows grows with the reading is averaged over as below.
 //!
 //! **Inside the rows.** Where rows are means of samples, contrasts between neighbouring parts of a row tell white and slow noise
 //! apart: the mean square of white noise falls with the length of the parts, that of 1/f noise does not ([`estimate_with`]). Rows
@@ -60,8 +60,8 @@ use super::NoiseModel;
 use super::spectrum::parts;
 use crate::fit::linear::Solution;
 use crate::fit::scalar;
-use crate::fit::statistics::two_sided_tail;
-use crate::fit::{FitError, NORMAL_95, require_finite, require_length};
+use crate::fit::statistics::{student_tail, two_sided_tail};
+use crate::fit::{FitError, NORMAL_95, require_finite, require_length, student_95};
 
 /// The noise of one right-hand side.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,8 +87,11 @@ pub struct DenseNoise {
     pub correlation: DMatrix<f64>,
     /// Standard deviation of a row of mean weight per right-hand side, noise taken as independent.
     independent_std: Vec<f64>,
-    /// What the noise of every right-hand side may be; empty where only the residuals tell it.
+    /// What the noise of every right-hand side may be.
     places: Vec<Vec<Place>>,
+    /// Whether what is inside the rows told it, and the degrees of freedom of the fit.
+    is_from_samples: bool,
+    freedom: usize,
     /// What the least-squares coefficients make of the rows, p x n.
     response: DMatrix<f64>,
     /// Per right-hand side the averaged white variance of every row, and the averaged variance of the slow noise of each shape.
@@ -148,33 +151,28 @@ impl DenseNoise {
         let of = |rows: &DVector<f64>| influence.iter().zip(rows).map(|(g, v)| g * g * v).sum::<f64>();
         let averaged = of(&self.white[a]) + slow.iter().zip(&self.slow[a]).map(|(s, v)| s * v).sum::<f64>();
         let white: Vec<f64> = self.spreads[a].iter().map(of).collect();
-        match self.places.get(a) {
-            Some(places) => interval_factor(places, &white, slow, averaged.sqrt()),
-            None => {
-                let independent = self.independent_std[a].powi(2) * white[0];
-                if averaged > 0.0 { (independent / averaged).max(1.0).sqrt() } else { 1.0 }
-            }
-        }
+        let freedom = (!self.is_from_samples).then_some(self.freedom);
+        interval_factor(&self.places[a], &white, slow, averaged.sqrt(), freedom)
     }
 
     /// Probability that the noise of a right-hand side is steeper than 1/f, so that most of it is slower than the rows show; `None` where
     /// only residuals tell the noise.
     #[must_use]
     pub fn steep_probability(&self, a: usize) -> Option<f64> {
-        let places = self.places.get(a)?;
+        let places = self.is_from_samples.then(|| &self.places[a])?;
         Some(places.iter().filter(|p| p.slow > 0.0 && p.kind.parameters.exponent > 1.0).map(|p| p.probability).sum())
     }
 
     /// What was tried for every right-hand side, with its likelihood; `None` where only residuals tell the noise.
     #[must_use]
     pub fn tried(&self) -> Option<&[Vec<Candidate>]> {
-        self.is_from_samples().then_some(&self.tried)
+        self.is_from_samples.then_some(&self.tried)
     }
 
     /// Whether what is inside the rows told their noise: intervals are normal then, otherwise Student's.
     #[must_use]
     pub fn is_from_samples(&self) -> bool {
-        !self.places.is_empty()
+        self.is_from_samples
     }
 
     /// The covariance averaged over the likelihood of the noise.
@@ -204,14 +202,7 @@ impl DenseNoise {
     #[must_use]
     pub fn without_growth(&self, component: usize) -> EvenNoise<'_> {
         let by_samples = &self.spreads[component][0];
-        let Some(places) = self.places.get(component) else {
-            let slow = self.shapes.iter().zip(&self.slow[component]);
-            return EvenNoise {
-                white: self.white[component].clone(),
-                slow: slow.map(|(shape, v)| (&shape.rows, *v)).filter(|(_, v)| *v > 0.0).collect(),
-            };
-        };
-        let own = || places.iter().filter(|p| !p.grows());
+        let own = || self.places[component].iter().filter(|p| !p.grows());
         let probability: f64 = own().map(|p| p.probability).sum();
         if probability <= 0.0 {
             // As much as the residuals scatter, independent from row to row.
@@ -248,18 +239,28 @@ impl EvenNoise<'_> {
     }
 }
 
-/// Factor on the averaged standard deviation of an estimate that makes the normal interval hold 95 % of what the places let expect: their
-/// normal distributions differ in width.
-fn interval_factor(places: &[Place], white: &[f64], slow: &[f64], averaged: f64) -> f64 {
+/// Factor on the averaged standard deviation of an estimate that makes the interval hold 95 % of what the places let expect, whose
+/// distributions differ in width: the normal interval, or Student's with degrees of freedom where only residuals tell the noise. Noise that is white
+/// but taken for slow in part would leave too little for coefficients of columns that change sign quickly: there no place is narrower than with
+/// independent noise alone.
+fn interval_factor(places: &[Place], white: &[f64], slow: &[f64], averaged: f64, freedom: Option<usize>) -> f64 {
     if averaged.is_nan() || averaged <= 0.0 {
         return 1.0;
     }
-    let width = |p: &Place| (p.white * white[p.growth.map_or(0, |g| g + 1)] + p.slow * slow.get(p.shape).unwrap_or(&0.0)).sqrt();
+    let width = |p: &Place| {
+        let white = white[p.growth.map_or(0, |g| g + 1)];
+        (p.white * white + p.slow * slow.get(p.shape).unwrap_or(&0.0)).max(p.alone * white).sqrt()
+    };
+    if let [place] = places {
+        return width(place) / averaged;
+    }
     let widths: Vec<(f64, f64)> = places.iter().map(|p| (p.probability, width(p))).collect();
-    let outside = |x: f64| widths.iter().map(|(p, width)| p * two_sided_tail(x / width)).sum::<f64>();
+    let of_95 = freedom.map_or(NORMAL_95, student_95);
+    let tail = |x: f64| freedom.map_or_else(|| two_sided_tail(x), |dof| 2.0 * student_tail(x, dof).unwrap_or(0.5));
+    let outside = |x: f64| widths.iter().map(|(p, width)| p * tail(x / width)).sum::<f64>();
     let widest = widths.iter().map(|w| w.1).fold(0.0, f64::max);
-    let [_, high] = scalar::bisect(|x| outside(x) > 0.05, [0.0, NORMAL_95 * widest], 1e-4);
-    high / (NORMAL_95 * averaged)
+    let [_, high] = scalar::bisect(|x| outside(x) > 0.05, [0.0, of_95 * widest], 1e-4);
+    high / (of_95 * averaged)
 }
 
 /// Rows are those of positive weight.
@@ -290,7 +291,8 @@ impl NoiseModel for DenseNoise {
     }
 }
 
-/// Estimates the noise from the residuals of a fit whose row i was measured at `times[i]` (any unit, any order).
+/// Estimates the noise from the residuals of a fit whose row i was measured at `times[i]` (any unit, any order). Scatter may grow with
+/// `readings`, a row per row and a column per right-hand side.
 ///
 /// Weights of the fit scale the white part alone: `V = s² [(1 - φ) W⁻¹ + φ F]` with weights of mean one, which suits rows that
 /// average different numbers of samples. Rows of weight zero do not count. Of a robust fit pass
@@ -302,7 +304,7 @@ impl NoiseModel for DenseNoise {
 ///
 /// [`FitError::Length`] and [`FitError::NotFinite`] for the times, [`FitError::NoNoise`] where the fit has no degree of
 /// freedom or all rows the same time.
-pub fn estimate(solution: &Solution, times: &[f64]) -> Result<DenseNoise, FitError> {
+pub fn estimate(solution: &Solution, times: &[f64], readings: Option<&DMatrix<f64>>) -> Result<DenseNoise, FitError> {
     require_length("times", solution.residuals.nrows(), times.len())?;
     require_finite("times", times, times.len())?;
     if solution.dof == 0 {
@@ -312,14 +314,29 @@ pub fn estimate(solution: &Solution, times: &[f64]) -> Result<DenseNoise, FitErr
     let times: Vec<f64> = solution.kept.iter().map(|&i| times[i]).collect();
     let time_constants = time_constants(&times)?;
     let fitted = Fitted::of(solution);
-    let equal = vec![1.0 / time_constants.len() as f64; time_constants.len()];
-    let kernel = Relaxations::at(&times, &time_constants, &equal);
-    let projected = Projected::of(&fitted, &fitted.by_weights, &kernel);
-    let noise: Vec<ComponentNoise> = (0..fitted.residuals.ncols()).map(|a| projected.likelihood(a).estimate()).collect();
-    let white = noise.iter().map(|n| &fitted.by_weights * (n.std * n.std * (1.0 - n.share))).collect();
-    let slow = noise.iter().map(|n| vec![n.std * n.std * n.share]).collect();
-    let spreads = noise.iter().map(|_| vec![fitted.by_weights.clone()]).collect();
-    Ok(fitted.model(solution, noise, (Vec::new(), Vec::new()), (white, slow), (vec![kernel], spreads)))
+    let kernel = Relaxations::at(&times, &time_constants, &parts(&time_constants, EXPONENTS[0]));
+    let even = Projected::of(&fitted, &fitted.by_weights, &kernel);
+    let mut found = Vec::new();
+    let mut spreads = Vec::new();
+    for a in 0..fitted.residuals.ncols() {
+        let mut tried = vec![(None, even.likelihood(a).estimate())];
+        let mut spread = vec![fitted.by_weights.clone()];
+        let readings = readings.map(|r| r.column(a).into_owned()).filter(|_| tried[0].1.noise.std > 0.0);
+        if let Some(squares) = readings.and_then(|r| spread::may_grow(&fitted, solution, a, &fitted.by_weights, &r)) {
+            for (growth, size) in GROWTHS.iter().enumerate() {
+                let with = squares.zip_map(&fitted.by_weights, |u, s| s * (1.0 + size * u));
+                let projected = Projected::of(&fitted, &with, &kernel);
+                let mut grown = projected.likelihood(a).estimate();
+                grown.deviance += projected.log_scale - even.log_scale;
+                tried.push((Some(growth), grown));
+                spread.push(with);
+            }
+        }
+        let (noise, places) = plausible::of_residuals(&tried);
+        found.push((noise, places, Vec::new()));
+        spreads.push(spread);
+    }
+    Ok(fitted.model(solution, found, (vec![kernel], spreads), false))
 }
 
 /// Contrasts of one length inside the rows, which are means over intervals: differences of the means of neighbouring parts.
@@ -364,7 +381,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
     let shortest = octaves.iter().map(|o| o.length).fold(f64::INFINITY, f64::min);
     let told = |a: usize| octaves.iter().any(|o| o.squares[a] > 0.0);
     if solution.dof == 0 || !(0..solution.residuals.ncols()).all(told) || !counts.iter().all(|n| *n > 0.0) {
-        return estimate(solution, &middles);
+        return estimate(solution, &middles, sampled.scatter.map(|s| s[1]));
     }
     require_finite("intervals", &middles, middles.len())?;
     let intervals: Vec<[f64; 2]> = solution.kept.iter().map(|&i| intervals[i]).collect();
@@ -443,25 +460,7 @@ pub fn estimate_with(solution: &Solution, sampled: &Sampled) -> Result<DenseNois
             place.shape = first_gain + gain;
         }
     }
-    let (mut noise, mut places, mut tried) = (Vec::new(), Vec::new(), Vec::new());
-    for (of_noise, of_places, of_tried) in found {
-        noise.push(of_noise);
-        places.push(of_places);
-        tried.push(of_tried);
-    }
-    let mut white = Vec::new();
-    let mut slow = Vec::new();
-    for (places, spread) in places.iter().zip(&spreads) {
-        let mut rows = DVector::zeros(fitted.by_weights.len());
-        let mut shapes = vec![0.0; kernels.len()];
-        for place in places {
-            rows += &spread[place.growth.map_or(0, |g| g + 1)] * (place.probability * place.white);
-            shapes[place.shape] += place.probability * place.slow;
-        }
-        white.push(rows);
-        slow.push(shapes);
-    }
-    Ok(fitted.model(solution, noise, (places, tried), (white, slow), (kernels, spreads)))
+    Ok(fitted.model(solution, found, (kernels, spreads), true))
 }
 
 /// What the noise needs of a fit: rows of positive weight, and weights of mean one.
@@ -501,11 +500,28 @@ impl Fitted {
     fn model(
         self,
         solution: &Solution,
-        mut noise: Vec<ComponentNoise>,
-        (places, tried): (Vec<Vec<Place>>, Vec<Vec<Candidate>>),
-        (white, slow): (Vec<DVector<f64>>, Vec<Vec<f64>>),
+        found: Vec<(ComponentNoise, Vec<Place>, Vec<Candidate>)>,
         (kernels, spreads): (Vec<Relaxations>, Vec<Vec<DVector<f64>>>),
+        is_from_samples: bool,
     ) -> DenseNoise {
+        let (mut noise, mut places, mut tried) = (Vec::new(), Vec::new(), Vec::new());
+        for (of_noise, of_places, of_tried) in found {
+            noise.push(of_noise);
+            places.push(of_places);
+            tried.push(of_tried);
+        }
+        let mut white = Vec::new();
+        let mut slow = Vec::new();
+        for (places, spread) in places.iter().zip(&spreads) {
+            let mut rows = DVector::zeros(self.by_weights.len());
+            let mut shapes = vec![0.0; kernels.len()];
+            for place in places {
+                rows += &spread[place.growth.map_or(0, |g| g + 1)] * (place.probability * place.white);
+                shapes[place.shape] += place.probability * place.slow;
+            }
+            white.push(rows);
+            slow.push(shapes);
+        }
         let n = self.by_weights.len() as f64;
         let weights = self.by_weights.map(|s| 1.0 / s);
         let total = weights.sum();
@@ -523,6 +539,8 @@ impl Fitted {
             correlation: correlation(&weighted),
             independent_std: solution.residual_std.iter().map(|std| std / mean_weight.sqrt()).collect(),
             places,
+            is_from_samples,
+            freedom: solution.dof,
             shapes: kernels.into_iter().map(|k| Shape::of(k, &self.response)).collect(),
             response: self.response,
             white,

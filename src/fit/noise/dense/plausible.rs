@@ -3,7 +3,7 @@
 use super::super::NoiseParameters;
 use super::super::spectrum::parts;
 use super::kernel::contrast_variance;
-use super::likelihood::Likelihood;
+use super::likelihood::{Estimate, Likelihood};
 use super::together::{Candidate, NoiseKind, Origin, Pooled};
 use super::{ComponentNoise, Octave};
 
@@ -55,6 +55,8 @@ pub(super) struct Place {
     pub probability: f64,
     pub white: f64,
     pub slow: f64,
+    /// Where only residuals tell the noise, the variance of such a row if all noise is independent from row to row, otherwise 0.
+    pub alone: f64,
     /// The shape of the slow noise: an exponent, by index into [`EXPONENTS`], or one of the gain after them.
     pub shape: usize,
     /// How the white noise differs between the rows: as the samples do, or one of [`GROWTHS`] besides.
@@ -203,7 +205,7 @@ impl<'a> Average<'a> {
             let kind = NoiseKind { origin, parameters };
             let candidate = Candidate { kind, prior: told.prior * prior, deviance };
             let probability = self.pooled.map_or(candidate.prior, |pooled| pooled.prior(&candidate));
-            self.places.push((Place { probability, white, slow: told.slow, shape, growth, kind }, candidate));
+            self.places.push((Place { probability, white, slow: told.slow, alone: 0.0, shape, growth, kind }, candidate));
             deviance
         };
         let mut here = (try_out(self.likely), self.likely);
@@ -242,8 +244,7 @@ impl<'a> Average<'a> {
         places.retain(|p| p.probability > NO_PLACE * sum);
         let sum: f64 = places.iter().map(|p| p.probability).sum();
         places.iter_mut().for_each(|p| p.probability /= sum);
-        let white: f64 = places.iter().map(|p| p.probability * p.white).sum();
-        let slow: f64 = places.iter().map(|p| p.probability * p.slow).sum();
+        let [white, slow] = totals(&places);
         let best = places.iter().max_by(|a, b| a.probability.total_cmp(&b.probability));
         let (v, s) = best.map_or((white, slow), |p| (p.white, p.slow));
         let noise = ComponentNoise {
@@ -258,6 +259,43 @@ impl<'a> Average<'a> {
         tried.iter_mut().for_each(|candidate| candidate.deviance -= self.lowest);
         (noise, places, tried)
     }
+}
+
+/// The same where only residuals tell the noise: without growth, and with those of [`GROWTHS`] that were tried.
+pub(super) fn of_residuals(found: &[(Option<usize>, Estimate)]) -> (ComponentNoise, Vec<Place>) {
+    let lowest = found.iter().map(|(_, e)| e.deviance).fold(f64::INFINITY, f64::min);
+    let weight = |(growth, e): &(Option<usize>, Estimate)| {
+        let prior = growth.map_or(1.0, |_| PRIOR_GROWING / GROWTHS.len() as f64);
+        // Residuals that are all zero have no likelihood.
+        prior * if e.noise.std > 0.0 { (0.5 * (lowest - e.deviance)).exp() } else { 1.0 }
+    };
+    let sum: f64 = found.iter().map(weight).sum();
+    let place = |entry: &(Option<usize>, Estimate)| {
+        let (growth, Estimate { noise, alone, .. }) = entry;
+        let variance = noise.std * noise.std;
+        let white_field = growth.map_or(0.0, |g| GROWTHS[g]);
+        Place {
+            probability: weight(entry) / sum,
+            white: variance * (1.0 - noise.share),
+            slow: variance * noise.share,
+            alone: *alone,
+            shape: 0,
+            growth: *growth,
+            kind: NoiseKind { origin: Origin::Rows, parameters: NoiseParameters { white_field, ..NoiseParameters::WHITE } },
+        }
+    };
+    let places: Vec<Place> = found.iter().map(place).collect();
+    let best = found.iter().max_by(|a, b| weight(a).total_cmp(&weight(b)));
+    let most_likely = best.map_or(found[0].1.noise, |(_, e)| e.noise);
+    let [white, slow] = totals(&places);
+    let std = (white + slow).sqrt();
+    (ComponentNoise { std, share: if std > 0.0 { slow / (white + slow) } else { 0.0 }, ..most_likely }, places)
+}
+
+/// White and slow variance of a row of mean weight, averaged.
+fn totals(places: &[Place]) -> [f64; 2] {
+    let mean = |of: fn(&Place) -> f64| places.iter().map(|p| p.probability * of(p)).sum();
+    [mean(|p| p.white), mean(|p| p.slow)]
 }
 
 /// Ratios of slow noise to white noise of the samples in a row: every order of magnitude is as likely.

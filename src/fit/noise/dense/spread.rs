@@ -5,7 +5,7 @@ use crate::fit::linear::Solution;
 use crate::fit::statistics::median;
 use nalgebra::{DMatrix, DVector};
 
-/// Fewest rows of which it is asked.
+/// Fewest rows of which it is asked how their samples scatter and whether the gain has slow noise.
 const LEAST_ROWS: usize = 20;
 /// Statistic of F from which the scatter of samples is taken to differ between the rows, and the least ratio of largest to smallest
 /// variance that matters.
@@ -18,6 +18,8 @@ const LEAST: f64 = 0.05;
 /// Rows that tell themselves whether their scatter grows with the reading: twenty and more of them are large on each axis. To weigh it always costs as
 /// much as all the rest of the noise there.
 const MANY_ROWS: usize = 60;
+/// Sources are not wrong by more than this part of what they are set to.
+const MOST_OF_A_SOURCE: f64 = 1e-3;
 /// Standard deviations from which the residuals suggest scatter that grows with the reading, or slow noise of the gain.
 const SUGGESTED: f64 = 2.0;
 /// Rows one after the other of which slow noise of the gain is asked.
@@ -109,7 +111,7 @@ pub(super) fn by_rows(
 }
 
 /// Squares of readings with which the scatter between the rows may grow: always of few rows, which cannot tell, and of many where the residuals suggest
-/// it.
+/// it. Where the readings are too small for a source to matter, as of offsets without a field, it is not asked.
 pub(super) fn may_grow(
     fitted: &Fitted,
     solution: &Solution,
@@ -118,13 +120,14 @@ pub(super) fn may_grow(
     readings: &DVector<f64>,
 ) -> Option<DVector<f64>> {
     let n = solution.kept.len();
-    if n < LEAST_ROWS {
-        return None;
-    }
-    let squares = squares(&DVector::from_fn(n, |i, _| readings[solution.kept[i]]));
+    let readings = DVector::from_fn(n, |i, _| readings[solution.kept[i]]);
+    let squares = squares(&readings);
     let scatter =
         DVector::from_fn(n, |i, _| fitted.residuals[(i, a)].powi(2) / (spread[i] * (1.0 - fitted.leverage[i]).max(LEAST)));
     let mean = scatter.mean();
+    if MOST_OF_A_SOURCE * readings.amax() < mean.sqrt() {
+        return None;
+    }
     let centred = squares.add_scalar(-squares.mean());
     let score = centred.dot(&scatter) / mean / (2.0 * centred.norm_squared()).sqrt();
     (n < MANY_ROWS || score > SUGGESTED).then_some(squares)
