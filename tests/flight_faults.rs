@@ -48,7 +48,7 @@ fn a_wrong_row_is_named_and_the_other_day_is_made() {
         ("2015-06-29T11:00:01Z,0,0,0,0,M", "row 2: its mode M is not stated"),
         ("2015-07-08T11:00:01Z,0,0,0,0,N", "row 2: the time 2015-07-08T11:00:01.000000000 is not of the day of the partition"),
         ("2015-06-29T25:00:01Z,0,0,0,0,N", "row 2: the cell in column `time_utc` is no time"),
-        ("2015-06-29T11:00:01Z,0,,0,0,N", "row 2: the count NaN is none of the converter"),
+        ("2015-06-29T11:00:01Z,0,,0,0,N", "row 2: a count has no value"),
     ] {
         // A converter of 20 bits, as in RO-IGEP-TR0028, where nothing else is stated.
         let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n{row}\n"));

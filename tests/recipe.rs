@@ -260,8 +260,10 @@ fn files_without_a_recipe_are_read_checked_and_made_again() {
         // Coefficients of the coil temperature that a calibration does not tell are in its uncertainty since, as its convention says.
         let of_coils = [": std.", ": covariance.", ": convention.uncertainty", "more values"];
         let is_of_coils = differs && line.contains("/COIL_SCALAR__") && is_among(line, &of_coils);
-        // Squares and cubes across the axes were judged by the freedom of the fit along the axis.
-        let is_of_panels = differs && line.contains("/LINEARISATION__") && line.contains(".fitted.probability");
+        // Squares and cubes across the axes were judged by the freedom of the fit along the axis, and scatter in proportion to the settings counted
+        // for none.
+        let of_panels = [".fitted.probability", ".fitted.quadratic_std_per_nt", ".fitted.cubic_std_per_nt2"];
+        let is_of_panels = differs && line.contains("/LINEARISATION__") && is_among(line, &of_panels);
         // What a thermistor's polynomial leaves of its table is an uncertainty of its values since.
         let of_left = [": coefficients_std.0", ": covariance.matrix.0.0", ": convention.uncertainty", ".std_degc", "more values"];
         let is_of_left = differs && line.contains("/THERMISTOR__") && is_among(line, &of_left);

@@ -90,6 +90,20 @@ fn what_a_body_does_is_no_fault() {
     assert!(of(&rounded).is_empty());
 }
 
+/// A channel without any scatter in digits of a hundredth, and one of the coil system that was exchanged for that of the sensor.
+#[test]
+fn a_channel_without_scatter_and_exchanged_channels_are_named() {
+    let mut gauss = Gauss(50);
+    let still = of(&run(20.0, &[("T59", vec![17.25; 1081])]));
+    assert!(matches!(still.as_slice(), [ChannelFault { fault: Fault::StandsStill { .. }, .. }]), "{still:?}");
+    for degc in [-60.0, 130.0] {
+        let both = [("T59", readings(88, 0.02, &mut gauss, |_| 16.8)), ("T29", readings(88, 0.02, &mut gauss, |_| degc))];
+        let found = of(&run(20.0, &both));
+        let [ChannelFault { channel, fault: Fault::Exchanged { other, .. }, .. }] = found.as_slice() else { panic!("{found:?}") };
+        assert_eq!((channel.as_str(), other.0.as_str()), ("T29", "T59"));
+    }
+}
+
 #[test]
 fn a_change_while_nothing_was_recorded_is_no_jump() {
     let mut gauss = Gauss(45);

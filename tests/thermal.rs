@@ -135,6 +135,35 @@ fn too_few_temperatures_and_too_high_orders_are_refused_by_name_and_other_groups
     says(&text(&output.stderr), &["b_off_x", "order 2 needs 3 different points; there are 2", "--order"]);
 }
 
+/// Of four runs one is wrong: left out by its id it is in no polynomial; an option of runs and an id of nothing are refused.
+#[test]
+fn files_are_left_out_by_the_id_of_their_run_and_options_of_runs_are_refused() {
+    let case = Case::new();
+    for (i, degc) in [-50.0, 0.0, 50.0, 100.0].into_iter().enumerate() {
+        let offset = if i == 2 { 7.0 } else { 0.1 + 1e-3 * degc };
+        case.put(&format!("A{i}.OPF"), opf(&format!("13-04-0{}_09-00-00", i + 1), "A", Some(degc), offset));
+    }
+    let output = case.run("thermal", &["--no-plots", "--order", "b_off=1", "--exclude", "13-04-03_09-00-00=door open"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["A2.OPF is left out: door open"]);
+    let found = parameters(&case.out().join("THERMAL_OFF_PARAMETER__13-04-01-09-00-00.TOF"));
+    assert_eq!(found["used"].as_array().unwrap().len(), 3);
+    let slope = found["b_off_x"][1].as_float().unwrap();
+    assert!((slope - 1e-3).abs() < 1e-14, "{slope}");
+    for (options, words) in [
+        (["--exclude", "13-04-09_09-00-00=x"].as_slice(), "would leave out nothing"),
+        (&["--exclude", "13-04-03_09-00-00#2=x"], "is a part of a run whose result"),
+        (&["--robust"], "--robust: changes nothing where only parameter files are named"),
+        (&["--lag", "none"], "--lag: changes nothing where only parameter files are named"),
+        (&["--settling", "3"], "--settling: changes nothing"),
+        (&["--order", "2"], "--order N: changes nothing"),
+    ] {
+        let output = case.run("thermal", options);
+        assert_eq!(output.status.code(), Some(2), "{options:?}");
+        says(&text(&output.stderr), &[words]);
+    }
+}
+
 #[test]
 fn a_file_that_was_changed_is_refused_and_one_without_a_hash_is_warned_about() {
     let case = Case::of(common::good().text());

@@ -179,6 +179,8 @@ pub enum RunValues {
         b_or_ent: [f64; 3],
         /// Standard uncertainties of the three in turn; `None` if the file does not tell.
         std: [Option<[f64; 3]>; 3],
+        /// Their degrees of freedom, where only the scatter of plateau means told them: Student's factor belongs to an interval then.
+        freedom: Option<usize>,
         /// Those of type B, as changes by everything that runs share; `None` if the file does not tell.
         common: Option<Vec<CommonChange>>,
         /// λ_x, μ_y, ν_z, degrees; nan where the file does not tell.

@@ -5,6 +5,12 @@
 use crate::fit::order::Reason;
 use serde::{Deserialize, Serialize};
 
+/// A scatter of zero is not written.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
 /// How one polynomial was found.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct QuantityFound {
@@ -32,6 +38,10 @@ pub struct QuantityFound {
     pub value: Vec<f64>,
     /// Their standard uncertainties; empty if they are not known.
     pub std: Vec<f64>,
+    /// Scatter between the runs that their standard uncertainties do not explain, in the unit of the quantity: it was added to each of them; 0 where
+    /// they explain it.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub scatter: f64,
     /// Value minus polynomial.
     pub residual: Vec<f64>,
     /// Factor by which the uncertainties were widened because the runs scatter by more than their own uncertainties, and because the order of the

@@ -15,7 +15,7 @@ use crate::model::effects::{EffectRef, Family};
 const SWAP: f64 = 1.0;
 /// The prior of an effect is shared among its candidates; a term whose shape was refined is none of them and is judged as if it were one of
 /// e³, about twenty.
-const SHARE: f64 = 3.0;
+pub const SHARE: f64 = 3.0;
 /// Real curves differ from their formulas by a tenth to a fifth of the effect: in reports/blind-study.md that is four to ten standard deviations
 /// at k = 50. Curves of one family with this canonical correlation differ from each other by less than half of it, not much more than that.
 const FAMILY_TWIN: f64 = 0.9;
@@ -136,8 +136,9 @@ impl<'a> Scored<'a> {
     pub fn rivals<'s>(&'s self, candidate: &'s Candidate, group: &'s Group) -> Rivals<'s> {
         let score = self.fitted.score(group);
         let own = self.explanation(&candidate.key);
-        let evidence = own.map_or(score.evidence, |e| e.evidence).max(score.evidence - SHARE);
-        Rivals { scored: self, candidate, group, score, evidence }
+        let of_grid = own.map_or(score.evidence, |e| e.evidence);
+        let evidence = of_grid.max(score.evidence - SHARE);
+        Rivals { scored: self, candidate, group, score, evidence, least: of_grid.min(evidence) }
     }
 }
 
@@ -148,8 +149,9 @@ pub struct Rivals<'a> {
     group: &'a Group,
     /// Score of the term.
     pub score: Score,
-    /// Evidence of its explanation.
+    /// Evidence of its explanation, and that of it with a shape of the grid only, as rivals have it.
     evidence: f64,
+    least: f64,
 }
 
 impl Rivals<'_> {
@@ -176,7 +178,7 @@ impl Rivals<'_> {
             let group = &self.scored.groups[e.best];
             let twin =
                 Fitted::correlation(group, self.group) > ALIKE && group.count() == self.group.count() && !effect.is_unknown();
-            (e.evidence > self.evidence - APART || twin) && effect != self.candidate.effect
+            (e.evidence > self.least - APART || twin) && effect != self.candidate.effect
         })
     }
 

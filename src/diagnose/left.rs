@@ -10,8 +10,10 @@ use crate::fit::statistics::fisher_tail;
 use crate::model::effects::{Covariate, Spec, TIME, UNKNOWN};
 use nalgebra::{DMatrix, DVector};
 
-/// Slow noise from this many times the white noise on is told as something that is left: less is usual for a good sensor.
+/// Slow noise from this many times the white noise on is told as something that is left: less is usual for a good sensor. Slow noise of the gain is not: a
+/// step or drift of the gain looks like it.
 const SLOW: f64 = 4.0;
+const SLOW_GAIN: f64 = 2.0;
 /// Scatter of the means from this many times that of the samples inside them on is not explained by these: where it is white, and where slow
 /// noise that is nearly white makes a part of it.
 const SCATTER: f64 = 1.5;
@@ -71,6 +73,7 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Res
         _ if stated.is_some() => NEARLY_WHITE,
         (_, false) => SCATTER,
         (true, true) => NEARLY_WHITE,
+        (false, true) if is_gain => SLOW_GAIN,
         (false, true) => SLOW,
     };
     if !is_clear || times[axis] < least {

@@ -116,10 +116,11 @@ pub(super) fn run(
         pictures.inside.extend(picture);
         steps.push(inside_step(found, &prepared, inside.all.iter().any(|f| f.effect.is(&TimeShift))));
     }
-    // A displacement of less than a sample or so is no effect of its own, but what the means are made of.
-    if samples.is_some() && !inside.all.iter().any(|f| f.effect.is(&TimeShift)) {
-        notes.extend(conditions::displaced(plateaus));
-    }
+    // A displacement of less than a sample or so is no effect of its own, but what the means are made of. One that was found is a step.
+    let is_displaced = inside.all.iter().any(|f| f.effect.is(&TimeShift));
+    let mut of_plateaus: Vec<Note> = Vec::new();
+    conditions::warn_of_plateaus(&mut of_plateaus, run, plateaus);
+    notes.extend(of_plateaus.into_iter().filter(|note| !is_displaced || note.kind != NoteKind::Mismatch));
     if run.vectors.lost > 0 {
         let text = conditions::lost(run.vectors.lost, run.vectors.gap_count);
         notes.push(Note::new(NoteKind::Data, text));

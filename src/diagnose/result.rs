@@ -240,6 +240,15 @@ pub struct BranchPoint {
     pub std_k: f64,
 }
 
+/// A further form of an effect that was missing.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct FurtherForm {
+    /// What was fitted, complete with its shape.
+    pub form: Spec,
+    /// Its parameters with standard uncertainties, corrected for having been selected.
+    pub parameters: Vec<Parameter>,
+}
+
 /// One effect that was missing.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Step {
@@ -251,9 +260,9 @@ pub struct Step {
     pub ambiguous_with: Vec<EffectRef>,
     /// What was fitted, complete with its shape.
     pub form: Spec,
-    /// Further forms of the same effect, each with its parameters.
-    #[serde(skip)]
-    pub further: Vec<(Spec, Vec<Parameter>)>,
+    /// Further forms of the same effect, as a second step of the offset.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub further: Vec<FurtherForm>,
     /// Parameters with standard uncertainties, corrected for having been selected.
     pub parameters: Vec<Parameter>,
     /// Where the data disagree, in words.
@@ -296,6 +305,9 @@ pub struct Step {
     /// Names of its points, where their covariate is a number in a list.
     #[serde(skip)]
     pub shape_names: Vec<String>,
+    /// The plateau without which little of it is left, s since the run's start: one that was disturbed looks the same.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub one_plateau_s: Option<f64>,
 }
 
 /// How a step is told: where its name is certain, and where it is not.

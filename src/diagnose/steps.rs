@@ -1,6 +1,6 @@
 //! The one builder of steps: the facts of something that was found, whatever the data were, and the step made of them.
 
-use super::result::{Forecast, Gap, Parameter, RunnerUp, ShapePoint, Step, Telling};
+use super::result::{Forecast, FurtherForm, Gap, Parameter, RunnerUp, ShapePoint, Step, Telling};
 use super::samples::Inside;
 use super::{CERTAIN, next, words};
 use crate::data::units::COMPONENTS;
@@ -84,6 +84,8 @@ pub struct Facts {
     pub shape: Vec<ShapePoint>,
     /// Names of its points, where their covariate is a number in a list.
     pub shape_names: Vec<String>,
+    /// The plateau without which little of it is left, s since the run's start.
+    pub one_plateau_s: Option<f64>,
 }
 
 impl Facts {
@@ -106,6 +108,7 @@ impl Facts {
             covariate: None,
             shape: Vec::new(),
             shape_names: Vec::new(),
+            one_plateau_s: None,
         }
     }
 
@@ -156,6 +159,7 @@ impl Facts {
             covariate: self.covariate,
             shape: self.shape,
             shape_names: self.shape_names,
+            one_plateau_s: self.one_plateau_s,
         };
         step.sentence = sentence(&step);
         step
@@ -283,8 +287,9 @@ pub(super) fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Place>) {
             }
         }
         first.axes.sort();
-        first.further.push((step.form.clone(), step.parameters.clone()));
+        first.further.push(FurtherForm { form: step.form.clone(), parameters: step.parameters.clone() });
         first.ambiguous_with.retain(|a| step.ambiguous_with.contains(a));
+        first.one_plateau_s = first.one_plateau_s.or(step.one_plateau_s);
         first.gap_after = step.gap_after;
         first.strength_k = first.strength_k.hypot(step.strength_k);
         // Sentences of a form's own do not speak of a further one.
@@ -313,7 +318,7 @@ pub(super) fn sufficient(steps: &mut [Step], record: &Record, open: [bool; 3]) {
 /// The axes of the sensor whose readings a step changes, which are other ones than those that it names where these are coil axes, or axes of a
 /// turn; all of them where it has no columns.
 fn acts_on(step: &Step, record: &Record) -> [bool; 3] {
-    let forms = std::iter::once(&step.form).chain(step.further.iter().map(|(form, _)| form));
+    let forms = std::iter::once(&step.form).chain(step.further.iter().map(|further| &further.form));
     let columns: Option<Vec<Vec<Column>>> = forms.map(|form| step.effect.columns(record, form)).collect();
     let Some(columns) = columns else { return [true; 3] };
     let largest = |a: usize| columns.iter().flatten().flat_map(|c| &c.values).map(|v| v[a].abs()).fold(0.0, f64::max);

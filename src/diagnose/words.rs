@@ -1,6 +1,6 @@
 //! What was found in words, and the numbers that words need.
 
-use super::result::{Gap, Left, LeftLike, ShapePoint, Step};
+use super::result::{Gap, Left, LeftLike, Parameter, ShapePoint, Step};
 use crate::data::units::{six_digits, three_digits};
 use crate::model::effects::{self, Covariate, EffectRef, Record};
 use nalgebra::{DMatrix, DVector};
@@ -143,17 +143,19 @@ pub fn sentence(step: &Step) -> String {
         None => format!("{} ({})", step.effect, step.effect.about().summary),
     };
     let on = if step.axes.is_empty() { String::new() } else { format!(" on {}", step.axes.join(", ")) };
-    let values: Vec<String> = step
-        .parameters
-        .iter()
-        .take(4)
-        .filter(|_| step.covariate.is_none())
-        .map(|p| match p.std {
-            Some(std) => format!("{} = {}{}", p.name, number(p.value, std), unit(&p.unit)),
-            None => format!("{} = {:.4e}{}", p.name, p.value, unit(&p.unit)),
-        })
-        .collect();
-    let with = if values.is_empty() { String::new() } else { format!(", {}", values.join(", ")) };
+    let values = |parameters: &[Parameter]| -> String {
+        let value = |p: &Parameter| match p.std {
+            Some(std) => format!(", {} = {}{}", p.name, number(p.value, std), unit(&p.unit)),
+            None => format!(", {} = {:.4e}{}", p.name, p.value, unit(&p.unit)),
+        };
+        parameters.iter().take(4).map(value).collect()
+    };
+    let with = if step.covariate.is_some() {
+        String::new()
+    } else {
+        let further: String = step.further.iter().map(|one| format!("; once more{}", values(&one.parameters))).collect();
+        values(&step.parameters) + &further
+    };
     let rest = ambiguous(&step.ambiguous_with);
     let verb = if step.wording == "is" { "show" } else { "are consistent with" };
     // Damage is named without a prediction.

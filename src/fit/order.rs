@@ -23,7 +23,8 @@ use std::fmt;
 
 use super::linear::Limits;
 use super::polynomial::{self, Polynomial};
-use super::statistics::{chi2_tail, fisher_tail};
+use super::scalar::bisect;
+use super::statistics::{chi2_tail, extremes, fisher_tail};
 use super::{FitError, require_finite, require_length};
 
 /// The highest order that is fitted.
@@ -253,6 +254,27 @@ const UNLIKELY: f64 = 0.01;
 /// Odds of scatter against a line through three points from which on the line is taken: what is lost is a slope whose uncertainty is too large, and
 /// what a line by luck brings is a small uncertainty on a wrong one.
 const NO_SCATTER: f64 = 0.001;
+
+/// Standard deviation of a scatter between points, beside their own standard deviations, with which the squares that a polynomial of an order leaves are
+/// what their degrees of freedom let expect (Paule and Mandel 1982); 0 where they are no more than that without it.
+///
+/// # Errors
+/// Those of [`polynomial::fit`] and for standard deviations that are not positive.
+pub fn scatter(x: &[f64], y: &[f64], std: &[f64], order: usize, limits: &Limits) -> Result<f64, FitError> {
+    let squares = |scatter: f64| -> Result<f64, FitError> {
+        let weights = weights_of(&std.iter().map(|s| s.hypot(scatter)).collect::<Vec<f64>>(), x.len())?;
+        let fitted = polynomial::fit(x, y, Some(&weights), order, limits)?;
+        let chi2: f64 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
+        Ok(chi2 / fitted.dof.max(1) as f64)
+    };
+    if squares(0.0)? <= 1.0 {
+        return Ok(0.0);
+    }
+    let [low, high] = extremes(y.iter().copied());
+    // The squares fall as the scatter grows; with one as large as all differences they are less than one.
+    let [_, found] = bisect(|scatter| squares(scatter).is_ok_and(|s| s > 1.0), [0.0, 2.0 * (high - low)], 1e-9);
+    Ok(found)
+}
 
 /// Factor on standard deviations which a sum of squares asks for: `sqrt(chi2 / dof)` above the 99 % quantile, otherwise 1.
 #[must_use]

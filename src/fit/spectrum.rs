@@ -299,6 +299,8 @@ const BESIDE_BINS: usize = 24;
 const LEAST_BESIDE: usize = 6;
 /// Probability that a bin exceeds the threshold by chance: small, since the level beside a bin is uncertain too.
 const LINE_PROBABILITY: f64 = 1e-9;
+/// Fewest segments that tell lines: the level beside a line is that of many bins, so that their number counts through the threshold alone.
+const LEAST_SEGMENTS: usize = 3;
 /// A line stands out by this factor of power, whatever the number of segments.
 const LEAST_RATIO: f64 = 1.5;
 
@@ -311,7 +313,7 @@ pub fn lines(stage: &Stage) -> Vec<Line> {
     let density = &stage.density;
     let [begin, end] = stage.bins;
     let single = density.degrees_of_freedom(1);
-    if density.segments < 8 || end < begin + 2 * BESIDE_BINS {
+    if density.segments < LEAST_SEGMENTS || end < begin + 2 * BESIDE_BINS {
         return Vec::new();
     }
     let threshold = (chi2_quantile(single, 1.0 - LINE_PROBABILITY) / single).max(LEAST_RATIO);

@@ -14,7 +14,8 @@ pub use refusal::LinError;
 pub use result::{Block, Lin};
 
 use crate::data::calibration::{
-    LinearCalibration, LinearQuality, LinearTypeB, LinearValidity, OffsetTrend, PlateauNoise, Setup, TemperatureSlopes,
+    LinearCalibration, LinearQuality, LinearTypeB, LinearValidity, OffsetTrend, PlateauNoise, Setup, SlopeSource,
+    TemperatureSlopes,
 };
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
@@ -109,6 +110,8 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     notes.extend(judge::few_means(&noise, fitted.solution.dof));
     conditions::warn_of_slow_noise(&mut notes, &noise, span_s);
 
+    let is_free = slopes.as_ref().is_some_and(|s| !matches!(s.source, SlopeSource::Polynomials(_)));
+    let over_k = moving.filter(|m| is_free && m.is_moving()).map(|m| m.over_k);
     let mut calibration = LinearCalibration {
         run: conditions::head(run, instructions, &temperatures),
         setup: setup(&prepared, &used, plateaus),
@@ -153,6 +156,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         dropped: conditions::dropped(&prepared.list),
         notes,
         blocks,
+        over_k,
         temperatures,
         given: plateaus.clone(),
         noise_tried: noise.tried().map(<[_]>::to_vec),

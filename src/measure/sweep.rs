@@ -280,6 +280,7 @@ fn describe(
             value: apart.iter().map(|w| w.values[k]).collect(),
             std: apart.iter().map(|w| w.std[k]).collect(),
             residual,
+            scatter: 0.0,
             widened: 1.0,
             min_error,
             max_error,

@@ -172,7 +172,7 @@ pub fn thermistor(
     let chosen = order::choose(&x, &y, None, order::HIGHEST_ORDER, None, &limits)?;
     let (wanted, reason) = match options.order {
         Some(order) => (order, "given".to_owned()),
-        None => (chosen.order, chosen.reason.to_string()),
+        None => (chosen.order, format!("{:?}", chosen.reason)),
     };
     let fit = polynomial::fit(&x, &y, None, wanted, &limits)?;
     let orders = tried(&x, &y, wanted, &chosen);

@@ -166,7 +166,8 @@ fn places(places: &[Place], scale: Scale) -> Vec<Block> {
 }
 
 fn step(index: usize, step: &Step) -> Section {
-    let parameters = step.parameters.iter().map(|p| {
+    let further = step.further.iter().flat_map(|one| &one.parameters);
+    let parameters = step.parameters.iter().chain(further).map(|p| {
         let std = p.std.map_or(Cell::Missing("-"), |s| Cell::exponent(s, 1));
         cells![&p.name, Cell::exponent(p.value, 5), std, &p.unit]
     });

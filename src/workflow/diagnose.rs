@@ -275,19 +275,23 @@ pub fn publish_model(path: &Path, all: &[&Diagnosed], given: Option<&Model>, for
     let mut effect: Vec<ModelEffect> = given.map(|model| model.effect.clone()).unwrap_or_default();
     // The sensors and modes of what is written.
     let mut of: Vec<Option<[String; 2]>> = given.iter().map(|model| Some([model.sensor.clone()?, model.mode.clone()?])).collect();
-    for (diagnosed, step) in all.iter().flat_map(|d| d.diagnosis.steps.iter().map(move |s| (d, s))) {
+    // What may be one disturbed plateau is no effect that another reading has.
+    let steps = all.iter().flat_map(|d| d.diagnosis.steps.iter().filter(|s| s.one_plateau_s.is_none()).map(move |s| (d, s)));
+    for (diagnosed, step) in steps {
         let diagnosis = &diagnosed.diagnosis;
-        let first = (step.form.clone(), step.parameters.clone());
-        for (form, parameters) in std::iter::once(&first).chain(&step.further) {
+        let further = step.further.iter().map(|one| (&one.form, &one.parameters));
+        for (form, parameters) in std::iter::once((&step.form, &step.parameters)).chain(further) {
             // What is damaged or only seen between runs is no term of a reading.
             let Some(mut entry) = entry(step.effect, form, parameters) else { continue };
             entry.run = diagnosis.runs.first().cloned();
             let readings = diagnosis.reading_ent;
             entry.reading_ent = readings.iter().flatten().all(|v| v.is_finite()).then(|| readings.to_vec());
             let same = |e: &ModelEffect| e.id == entry.id && e.form == entry.form && e.axes == entry.axes;
-            // What belongs to the time of one run is there once for each.
+            let has_shape = |e: &ModelEffect| e.shape.iter().map(|p| p.value).eq(entry.shape.iter().map(|p| p.value));
+            // What belongs to the time of one run is there once for each; what does not is found in several with a shape of each. Twice in one run
+            // it is two.
             let any_run = !step.effect.is_of_one_run(&entry.form);
-            if !effect.iter().any(|e| same(e) && (any_run || e.run == entry.run)) {
+            if !effect.iter().any(|e| same(e) && if e.run == entry.run { has_shape(e) } else { any_run }) {
                 effect.push(entry);
                 of.push(diagnosed.of.clone());
             }

@@ -10,13 +10,16 @@ use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape
 use crate::diagnose::{APART, selection, words};
 use crate::fit::scan::Score;
 use crate::model::effects::{Family, GAIN_WITH, Record, UNKNOWN};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 /// Rivals whose evidence (logarithm) is less than that of a term by more than this are not listed.
 pub const HOPELESS: f64 = 60.0;
 
 /// Settings over which a field that was the largest is remembered.
 const REMEMBERED: usize = 10;
+
+/// Of a term that does not rest on one row the others leave this part of its strength.
+const LEAST_OF_OTHERS: f64 = 0.5;
 
 /// A size below this many of its standard uncertainties may as well be zero.
 const LEAST_RATIO: f64 = 3.0;
@@ -119,7 +122,9 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let has_near_rival = runners_up.iter().any(|r| r.log_ratio > -APART);
     let in_time = in_time::rivals(means, &without, candidate, &own_group, &score);
     let apart = each_axis::rival(means, &without, candidate, &own_group, &score);
+    let one_row = one_row(means, &without, (&others, candidate), &contribution, &score);
     let is_doubted = has_near_rival
+        || one_row.is_some()
         || !in_time.is_empty()
         || apart.is_some()
         || !is_apart_from_zero(candidate, &parameters)
@@ -136,6 +141,12 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         [] => String::new(),
         _ => format!(" These describe the data as well in its place: {}.", names.join(", ")),
     };
+    let one_plateau_s = one_row.map(|row| means.prepared.record.rows[row].t_s());
+    if let Some(t_s) = one_plateau_s {
+        remark.push_str(&format!(
+            " Without the plateau at {t_s:.0} s little of it is left: a single plateau that was disturbed looks the same, and it goes into no model."
+        ));
+    }
     if apart.is_some() {
         remark
             .push_str(" The axes do not do it together: with a size of its own for each of them the data are described better.");
@@ -152,6 +163,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         telling: Telling { own: None, remark },
         covariate: candidate.covariate.clone(),
         shape,
+        one_plateau_s,
         ..Facts::new(candidate.effect, candidate.spec.clone(), significance)
     };
     let facts = if facts.is_certain() { facts } else { Facts { next_forecast: next::forecasts(means, model, &named), ..facts } };
@@ -172,6 +184,37 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         names: Vec::new(),
     };
     Description { facts, map, evidence: Some(rivals.bars(number)) }
+}
+
+/// The row without which little of a term is left: that on which most of it is, or one beside which it begins. What is left of two jumps within
+/// one row is that row alone.
+fn one_row(
+    means: &Means,
+    without: &MeansModel,
+    (others, candidate): (&[&Candidate], &Candidate),
+    contribution: &Contribution,
+    score: &Score,
+) -> Option<usize> {
+    let record = &means.prepared.record;
+    let n = record.rows.len();
+    let own = &contribution.own_ent;
+    let largest = (0..n).max_by(|i, j| own[*i].abs().total_cmp(&own[*j].abs()))?;
+    let begin = candidate.effect.begins_s(&candidate.spec).map(|s| record.rows.partition_point(|r| r.used_s[1] <= s));
+    let near = begin.into_iter().flat_map(|row| row.saturating_sub(1)..(row + 2).min(n));
+    let mut rows: Vec<usize> = near.chain([largest]).collect();
+    rows.sort_unstable();
+    rows.dedup();
+    let is_it = |row: &usize| {
+        let alone = Candidate {
+            columns: DMatrix::from_fn(3 * n, 3, |i, a| f64::from(u8::from(i == a * n + row))),
+            ..(*candidate).clone()
+        };
+        let with: Vec<&Candidate> = others.iter().copied().chain([&alone]).collect();
+        let beside = means.model_with(without.noise.clone(), &with);
+        let left = beside.fitted.score(&means.group(&beside, candidate));
+        left.strength < LEAST_OF_OTHERS * score.strength
+    };
+    rows.into_iter().find(is_it)
 }
 
 /// Whether any of the linear parameters of a term stands out of its uncertainty: a form whose shape is free can follow something that is not its

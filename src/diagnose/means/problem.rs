@@ -3,7 +3,7 @@
 use super::{MANY_ROWS, Means, MeansModel, Term, describe, with_shape};
 use crate::data::units::Scale;
 use crate::diagnose::candidate::{Candidate, Threshold};
-use crate::diagnose::explanations::{Explanation, Scored, log_sum};
+use crate::diagnose::explanations::{Explanation, SHARE, Scored, log_sum};
 use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::fit::noise::state_space::Noise;
 use crate::fit::scalar::{self, Stop};
@@ -179,7 +179,7 @@ impl Means<'_> {
         let noises = self.correlations.plausible(&model.noise.parameters, &self.readings, &self.designs(now));
         let white = noises.last().map(|(white, _)| self.model_with(white.clone(), now));
         let white_scored = white.as_ref().map(|white| self.scored(white));
-        let averaged = self.averaged(&scored, white_scored.as_ref(), &noises, now);
+        let averaged = self.averaged(&scored, white.as_ref().zip(white_scored.as_ref()), &noises, (now, model));
         let groups = white_scored.map(|scored| scored.groups);
         let evident = averaged.first().filter(|e| e.best_evidence > NOISE_UNKNOWN).and_then(|best| {
             let evident = scored.evident(best.best_evidence - NOISE_UNKNOWN, Self::FALSE_ALARM, SEED)?;
@@ -319,21 +319,42 @@ impl Means<'_> {
     }
 
     /// The most promising explanations, their evidence averaged over the noise that the readings allow; the best first.
-    fn averaged(&self, scored: &Scored, white: Option<&Scored>, noises: &[(Noise, f64)], now: &[&Candidate]) -> Vec<Explanation> {
+    ///
+    /// A shape of the grid is that of an effect to half a step only: of a large one so much is left that slow noise would explain it better. What
+    /// the best shape gives beyond those that a search for it costs counts as well.
+    fn averaged(
+        &self,
+        scored: &Scored,
+        white: Option<(&MeansModel, &Scored)>,
+        noises: &[(Noise, f64)],
+        (now, model): (&[&Candidate], &MeansModel),
+    ) -> Vec<Explanation> {
         let mut chosen: Vec<Explanation> = scored.explanations.iter().take(PROMISING).cloned().collect();
         // What slow noise hides shows beside white noise.
-        for e in white.into_iter().flat_map(|white| white.explanations.iter().take(PROMISING)) {
+        for e in white.into_iter().flat_map(|(_, white)| white.explanations.iter().take(PROMISING)) {
             if !chosen.iter().any(|c| c.best == e.best) {
                 chosen.push(e.clone());
             }
         }
         let most = chosen.iter().map(|e| e.score.evidence).fold(0.0, f64::max);
         let noises = self.of_influence(noises, most);
+        // The sharpest look at a shape is that beside white noise.
+        let sharpest = white.map_or(model, |(white, _)| white);
+        let refined: Vec<Option<Candidate>> = chosen
+            .par_iter()
+            .map(|e| Some(self.refined(sharpest, &self.candidates[e.best])).filter(|r| r.spec != self.candidates[e.best].spec))
+            .collect();
         let scores: Vec<Vec<Score>> = noises
             .par_iter()
             .map(|(noise, _)| {
                 let model = self.model_with(noise.clone(), now);
-                chosen.iter().map(|e| model.fitted.score(&self.group(&model, &self.candidates[e.best]))).collect()
+                let score = |candidate: &Candidate| model.fitted.score(&self.group(&model, candidate));
+                let best = |(e, refined): (&Explanation, &Option<Candidate>)| {
+                    let of_grid = score(&self.candidates[e.best]);
+                    let of_shape = refined.as_ref().map(score).map(|s| Score { evidence: s.evidence - SHARE, ..s });
+                    of_shape.filter(|s| s.evidence > of_grid.evidence).unwrap_or(of_grid)
+                };
+                chosen.iter().zip(&refined).map(best).collect()
             })
             .collect();
         for (k, e) in chosen.iter_mut().enumerate() {

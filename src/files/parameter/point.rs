@@ -44,6 +44,7 @@ struct CpfKeys {
     model: Option<ModelKeys>,
     #[serde(default)]
     valid: ValidKeys,
+    quality: Option<QualityKeys>,
 }
 
 #[derive(Deserialize)]
@@ -108,6 +109,12 @@ struct OffsetStdKeys {
 #[derive(Deserialize)]
 struct MethodKeys {
     normal_axis: Option<Vec<String>>,
+}
+
+#[derive(Deserialize)]
+struct QualityKeys {
+    degrees_of_freedom: Option<usize>,
+    raw_std_ent: Option<serde::de::IgnoredAny>,
 }
 
 #[derive(Deserialize)]
@@ -186,8 +193,21 @@ pub struct RunKeys {
 
 /// The point of a linear calibration.
 pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
-    let CpfKeys { run, matrix, angle_deg: a, offset, std, std_b, common, conditions, linearisation, model, valid, reference } =
-        toml_edit::de::from_str(text)?;
+    let CpfKeys {
+        run,
+        matrix,
+        angle_deg: a,
+        offset,
+        std,
+        std_b,
+        common,
+        conditions,
+        linearisation,
+        model,
+        valid,
+        reference,
+        quality,
+    } = toml_edit::de::from_str(text)?;
     let or_nan = |v: Option<f64>| v.unwrap_or(f64::NAN);
     let convention = match matrix.omega_convention.as_deref() {
         None | Some("BepiColombo") => Convention::BepiColombo,
@@ -224,6 +244,7 @@ pub(super) fn cpf(text: &str) -> Result<RunKeys, toml_edit::de::Error> {
         xi_deg: alignment.xi_deg,
         b_or_ent: offset.b_or_ent,
         std: [sigma_std, xi_std_deg, std.b_or_ent],
+        freedom: quality.filter(|q| q.raw_std_ent.is_none()).and_then(|q| q.degrees_of_freedom),
         common,
         rotation_deg: [or_nan(a.lambda_x), or_nan(a.mu_y), or_nan(a.nu_z)],
         rotation_std_deg: std.lambda_mu_nu_deg.unwrap_or(NONE),
@@ -282,6 +303,7 @@ impl From<&Cpf> for CalibratedRun {
                 xi_deg: [a.xi_xy, a.xi_xz, a.xi_yz],
                 b_or_ent: own.offset.b_or_ent,
                 std: [Some(own.std.sigma), Some(own.std.xi_deg), Some(own.std.b_or_ent)],
+                freedom: own.quality.raw_std_ent.is_none().then_some(own.quality.degrees_of_freedom),
                 common: own.of_facility.as_ref().map(LinearTypeB::changes),
                 rotation_deg: [a.lambda_x, a.mu_y, a.nu_z],
                 rotation_std_deg: own.std.lambda_mu_nu_deg,

@@ -603,6 +603,7 @@ mod tests {
             value: Vec::new(),
             std: Vec::new(),
             residual: Vec::new(),
+            scatter: 0.0,
             widened: 1.0,
             min_error: 0.0,
             max_error: 0.0,

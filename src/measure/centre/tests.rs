@@ -25,6 +25,7 @@ fn run(id: &str) -> CalibratedRun {
             xi_deg: [90.0; 3],
             b_or_ent: [0.0; 3],
             std: [Some([TYPE_A; 3]), Some([TYPE_A; 3]), Some([TYPE_A; 3])],
+            freedom: None,
             common: Some(vec![CommonChange {
                 source: SCALE.to_owned(),
                 sigma: [TYPE_B, 0.0, 0.0],

@@ -6,7 +6,7 @@ use super::result::Explained;
 use crate::fit::contaminated::{self, Contaminated, Data, State};
 use crate::fit::nonlinear::{self, Model};
 use crate::fit::statistics::chi2_tail;
-use crate::fit::{Limits, aicc, order};
+use crate::fit::{Limits, aicc, order, student_factor};
 use crate::model::response::Response;
 use nalgebra::DMatrix;
 
@@ -190,14 +190,19 @@ impl Outcome {
     /// Covariance of the logarithms of DC amplitude and parameters.
     ///
     /// Where scatter was estimated, weights are inverse variances, most likely ones: what the parameters take from the scatter is
-    /// given back, as the rows above -10 dB have it, for the others do not scatter as much as they are allowed to.
+    /// given back, as the rows above -10 dB have it, for the others do not scatter as much as they are allowed to. Intervals are normal ones: where
+    /// the scatter of a few rows tells their uncertainty, Student's factor is in it.
     pub fn covariance(&self, data: &Data, explained: Option<Explained>) -> DMatrix<f64> {
         let factor = match explained {
-            Some(explained) => order::excess(explained.chi_square, explained.dof).powi(2),
+            Some(explained) => match order::excess(explained.chi_square, explained.dof) {
+                excess if excess > 1.0 => (excess * student_factor(explained.dof.max(1))).powi(2),
+                _ => 1.0,
+            },
             None => {
                 let weights = self.found.weights.iter().zip(&data.coarse);
                 let deciding: f64 = weights.filter(|(_, coarse)| !**coarse).map(|(w, _)| w).sum();
-                deciding / (deciding - self.found.state.parameters.len() as f64).max(1.0)
+                let freedom = (deciding - self.found.state.parameters.len() as f64).max(1.0);
+                deciding / freedom * student_factor(freedom as usize).powi(2)
             }
         };
         &self.found.solution.unscaled_covariance * factor

@@ -75,7 +75,7 @@ pub(super) struct Moving {
     /// Temperature at which the parameters hold, °C.
     at_degc: f64,
     /// Temperatures of all plateaus over it, K.
-    over_k: Vec<f64>,
+    pub over_k: Vec<f64>,
     /// Standard uncertainty of their mean by the noise of the thermometer, K.
     std_k: f64,
     /// The smooth course of the temperature.
@@ -531,7 +531,7 @@ fn free(
     let of_thermometer = || carried::covariance(&changes, raw, &means.design()?);
     let covariance = of_noise + of_thermometer().map_err(|e| Open::Other(LinError::Fit(e)))?;
     let found = of(&covariance)?;
-    let probability = found.probability_of_the_highest();
+    let probability = found.probability_of_the_highest(fitted.solution.dof);
     let offset = places.of_offset(|k| stacked[k]).map(|o| std::array::from_fn(|a| o[a] + found.step[found.offset_slope(a)]));
     let slopes = found.slopes(moving, offset, by.source.clone());
     let known = found.clone().with_slopes_known().of_baseline(&stacked).1;

@@ -56,6 +56,8 @@ pub struct Lin {
     pub notes: Vec<Note>,
     /// Every plateau of the run.
     pub blocks: Vec<Block>,
+    /// Temperature of the sensor at each of them over that of the result, K, where it moves and the slopes with it were found in the run.
+    pub over_k: Option<Vec<f64>>,
     /// Temperatures during the run.
     pub temperatures: Temperatures,
     /// The plateaus that were given, with settings and readings as they are in the file, for another fit.

@@ -1,17 +1,21 @@
 //! The runs of a linearisation as its fits take them.
 
+use crate::data::calibration::SlopeSource;
 use crate::data::plateau::Plateau;
-use crate::measure::lin::Lin;
+use crate::measure::lin::{Block, Lin};
 use nalgebra::{DMatrix, DVector};
 
 /// One run made ready.
+#[derive(Clone)]
 pub(super) struct Data<'a> {
     /// Its linear calibration.
     pub lin: &'a Lin,
-    /// The plateaus that were used.
-    pub used: Vec<&'a Plateau>,
-    /// Field, then powers of τ: the design of its own fit.
+    /// The plateaus that were used, with their readings.
+    pub used: Vec<&'a Block>,
+    /// Field, then powers of τ, then the field times the temperature where that moves: the design of its own fit.
     pub own: DMatrix<f64>,
+    /// Whether readings count as they were measured: slopes with the temperature that were found without a polynomial have taken a part of it.
+    pub is_as_measured: bool,
 }
 
 impl<'a> Data<'a> {
@@ -20,12 +24,20 @@ impl<'a> Data<'a> {
         let offset = &lin.calibration.offset;
         let [begin, end] = offset.tau_span_s;
         let tau = |t_s: f64| if end > begin { 2.0 * (t_s - begin) / (end - begin) - 1.0 } else { 0.0 };
-        let used: Vec<&Plateau> = lin.blocks.iter().map(|b| &b.plateau).filter(|p| p.dropped.is_none()).collect();
-        let own = DMatrix::from_fn(used.len(), 4 + offset.trend_order, |row, column| {
-            let p = used[row];
-            if column < 3 { p.setting.field.0[column] } else { tau(p.t_s()).powi(column as i32 - 3) }
+        let places: Vec<usize> = (0..lin.blocks.len()).filter(|i| lin.blocks[*i].plateau.dropped.is_none()).collect();
+        let used: Vec<&Block> = places.iter().map(|i| &lin.blocks[*i]).collect();
+        let powers = 4 + offset.trend_order;
+        let own = DMatrix::from_fn(used.len(), powers + if lin.over_k.is_some() { 3 } else { 0 }, |row, column| {
+            let p = &used[row].plateau;
+            match (column, &lin.over_k) {
+                (0..3, _) => p.setting.field.0[column],
+                (_, Some(over_k)) if column >= powers => over_k[places[row]] * p.setting.field.0[column - powers],
+                _ => tau(p.t_s()).powi(column as i32 - 3),
+            }
         });
-        Self { lin, used, own }
+        let slopes = lin.calibration.slopes.as_ref();
+        let is_as_measured = slopes.is_some_and(|s| !matches!(s.source, SlopeSource::Polynomials(_)));
+        Self { lin, used, own, is_as_measured }
     }
 
     /// Whether it says something beside its own parameters.
@@ -33,13 +45,19 @@ impl<'a> Data<'a> {
         self.own.nrows() > self.own.ncols() + 2
     }
 
+    /// The plateaus that were used.
+    pub fn plateaus(&self) -> Vec<&'a Plateau> {
+        self.used.iter().map(|b| &b.plateau).collect()
+    }
+
     /// Mean readings of a sensor axis, enT.
     pub fn readings(&self, axis: usize) -> DVector<f64> {
-        DVector::from_iterator(self.used.len(), self.used.iter().map(|p| p.mean.0[axis]))
+        let reading = |b: &&Block| if self.is_as_measured { b.reading_ent()[axis] } else { b.plateau.mean.0[axis] };
+        DVector::from_iterator(self.used.len(), self.used.iter().map(reading))
     }
 
     /// Fields along a coil axis, nT.
     pub fn fields(&self, coil: usize) -> impl Iterator<Item = f64> {
-        self.used.iter().map(move |p| p.setting.field.0[coil])
+        self.used.iter().map(move |b| b.plateau.setting.field.0[coil])
     }
 }

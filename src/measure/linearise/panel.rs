@@ -48,7 +48,7 @@ pub(super) fn panel(
                 let (own, rhs) = if on_axis { (&d.own, readings) } else { (&part.own, &part.rhs) };
                 // A run too short for more columns says nothing here.
                 let one = Projected::of(Part { own: own.clone(), shared, rhs: rhs.clone(), weight: part.weight }).ok()?;
-                Some((Data { lin: d.lin, used: d.used.clone(), own: own.clone() }, one))
+                Some((Data { own: own.clone(), ..d.clone() }, one))
             })
             .unzip();
         fit(&kept, &parts, axis, before, scale_nt, from_samples)

@@ -13,8 +13,10 @@ use nalgebra::{DMatrix, DVector};
 /// A channel whose means vary by less than this part of their size does not vary.
 const LEAST_VARIATION: f64 = 1e-9;
 
-/// Places of a step that is looked for, as parts of the record.
-const STEPS: usize = 16;
+/// Most places of a step that is looked for: one that is a row or two beside the step leaves so much that slow noise explains it better.
+const MOST_STEPS: usize = 256;
+/// Rows before the first place and behind the last one.
+const EDGE: usize = 2;
 
 /// Coefficients of one component with their covariance.
 struct Fitted {
@@ -115,7 +117,7 @@ impl Fitter<'_> {
         [centre_s, half_s]: [f64; 2],
     ) -> Option<Note> {
         let order = columns.len() - 1;
-        let trials: Vec<Lacking> = Lacking::all(order).collect();
+        let trials: Vec<Lacking> = Lacking::all(order, x).collect();
         let beside = Beside::of(&fit.columns, &fit.means_ent, &fit.noise);
         let judged = (0..3).filter_map(|c| {
             let explained = beside.explained(c, trials.iter().map(|trial| DVector::from_vec(trial.column(x))));
@@ -206,9 +208,11 @@ enum Lacking {
 }
 
 impl Lacking {
-    /// Everything that is looked for beside a drift of some order.
-    fn all(order: usize) -> impl Iterator<Item = Self> {
-        let steps = (1..STEPS).map(|k| Self::Step(2.0 * k as f64 / STEPS as f64 - 1.0));
+    /// Everything that is looked for beside a drift of some order in rows at times from -1 to 1.
+    fn all(order: usize, x: &[f64]) -> impl Iterator<Item = Self> {
+        let places = EDGE..x.len().saturating_sub(EDGE - 1);
+        let stride = places.len().div_ceil(MOST_STEPS).max(1);
+        let steps = places.step_by(stride).map(|row| Self::Step(0.5 * (x[row - 1] + x[row])));
         [order + 1, order + 2].map(Self::Power).into_iter().chain(steps)
     }
 

@@ -52,7 +52,9 @@ impl Noise {
     pub fn notes(&self, rate_hz: f64) -> Vec<Note> {
         let mut notes = Vec::new();
         if self.density.is_none() {
-            let text = format!("no density at {STATED_HZ} Hz: the sample rate or the record does not reach it");
+            let text = format!(
+                "no density at {STATED_HZ} Hz: the sample rate or the record does not reach it, or lines take all of its band"
+            );
             notes.push(Note::new(NoteKind::Method, text));
         }
         for (name, chi_square) in COMPONENTS.into_iter().zip(self.corner.chi_square_per_degree) {

@@ -7,7 +7,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::quantity::QuantityFound;
 use crate::data::units::COMPONENTS;
 use crate::fit::order::{self, Chosen};
-use crate::fit::{FitError, Limits, NORMAL_95, student_95};
+use crate::fit::{FitError, Limits, NORMAL_95, student_95, student_factor};
 use crate::model::campaign::MOST_THERMAL_ORDER;
 use crate::model::polynomial::TemperaturePolynomial;
 use nalgebra::DMatrix;
@@ -80,7 +80,11 @@ pub(super) fn quantities(points: &[&CalibratedRun], kind: Kind, corner: Corner, 
         Kind::Lin => {
             let part = |which: usize| {
                 move |values: &RunValues| match values {
-                    RunValues::Lin { sigma, xi_deg, b_or_ent, std, .. } => ([*sigma, *xi_deg, *b_or_ent][which], std[which]),
+                    RunValues::Lin { sigma, xi_deg, b_or_ent, std, freedom, .. } => {
+                        // Intervals of the polynomials are normal ones.
+                        let factor = freedom.map_or(1.0, |dof| student_factor(dof.max(1)));
+                        ([*sigma, *xi_deg, *b_or_ent][which], std[which].map(|s| s.map(|s| factor * s)))
+                    }
                     _ => NONE,
                 }
             };
@@ -216,12 +220,23 @@ pub(super) fn fit(
         return if quantity.may_be_missing { Ok(None) } else { Err(refuse(error)) };
     }
     let highest = (MOST_THERMAL_ORDER as usize).min(different.saturating_sub(1));
-    let std = values.std_known.then_some(values.std.as_slice());
-    let chosen = match group.order(&quantity.name) {
+    let wanted = group.order(&quantity.name);
+    let choose = |std: Option<&[f64]>| match wanted {
         Some(order) if order > highest => Err(FitError::TooFewPoints { order, distinct: different }),
         wanted => order::choose(&values.degc, &values.value, std, highest, wanted, &Limits::default()),
-    }
-    .map_err(refuse)?;
+    };
+    let own = values.std_known.then_some(values.std.as_slice());
+    let by_own = choose(own).map_err(refuse)?;
+    // A scatter between the runs is the same for those that are known well and those that are not.
+    let scatter = match own {
+        Some(own) if by_own.inflation > 1.0 => {
+            order::scatter(&values.degc, &values.value, own, by_own.order, &Limits::default()).map_err(refuse)?
+        }
+        _ => 0.0,
+    };
+    let with_scatter: Vec<f64> = values.std.iter().map(|std| std.hypot(scatter)).collect();
+    let std = own.map(|_| with_scatter.as_slice());
+    let chosen = if scatter > 0.0 { choose(std).map_err(refuse)? } else { by_own.clone() };
     let valid_degc = [
         values.degc.iter().copied().fold(f64::INFINITY, f64::min),
         values.degc.iter().copied().fold(f64::NEG_INFINITY, f64::max),
@@ -237,15 +252,16 @@ pub(super) fn fit(
         );
         notes.push(Note::new(NoteKind::Data, text).about(&quantity.name));
     }
-    if chosen.inflation > 1.0 && values.std_known {
+    if scatter > 0.0 {
         let text = format!(
-            "{}: the runs scatter by {:.1} times what their uncertainties let expect; the uncertainty of the polynomial was widened by it",
-            quantity.name, chosen.inflation
+            "{}: the runs scatter by {:.1} times what their uncertainties let expect; a scatter of {scatter:.1e} {} was added to those of all runs",
+            quantity.name, by_own.inflation, quantity.unit
         );
         notes.push(Note::new(NoteKind::Method, text).about(&quantity.name));
     }
     let common = moved(quantity, &values, std, chosen.order).map_err(refuse)?;
-    Ok(Some(QuantityFit { common, ..described(quantity, values, points, &chosen, valid_degc) }))
+    let widened = if own.is_some() { by_own.inflation } else { 1.0 };
+    Ok(Some(QuantityFit { common, ..described(quantity, values, points, (&chosen, [scatter, widened]), valid_degc) }))
 }
 
 /// What everything that the runs share does to the coefficients: the polynomial is linear in the values, so that the polynomial through their
@@ -270,13 +286,14 @@ fn described(
     quantity: &Quantity,
     values: Values,
     points: &[&CalibratedRun],
-    chosen: &Chosen,
+    (chosen, [scatter, widened]): (&Chosen, [f64; 2]),
     valid_degc: [f64; 2],
 ) -> QuantityFit {
     let Values { runs, degc, value, std, std_known } = values;
     // Where the scatter of a few runs tells the uncertainties, intervals are wider than where they are known.
     let degrees_of_freedom = chosen.polynomial.dof;
-    let factor_95 = if std_known && chosen.inflation == 1.0 { NORMAL_95 } else { student_95(degrees_of_freedom) };
+    let factor_95 =
+        if std_known && scatter == 0.0 && chosen.inflation == 1.0 { NORMAL_95 } else { student_95(degrees_of_freedom) };
     let residual = chosen.polynomial.residuals.clone();
     let extreme = |join: fn(f64, f64) -> f64| residual.iter().copied().reduce(join).unwrap_or(f64::NAN);
     QuantityFit {
@@ -296,7 +313,8 @@ fn described(
             min_error: extreme(f64::min),
             max_error: extreme(f64::max),
             residual,
-            widened: if std_known { chosen.inflation } else { 1.0 } * chosen.choice,
+            scatter,
+            widened: widened * chosen.choice,
         },
         choice: chosen.choice,
         component: quantity.component.clone(),

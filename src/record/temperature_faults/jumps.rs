@@ -151,12 +151,8 @@ impl Channel<'_> {
             let by_cubic = if is_alone { step_at(&self.series, place) } else { None };
             Some((self.series[place].0, by_cubic.or_else(|| far_faster_k(&changes, *i))?))
         };
-        // Also one that ends behind the last time, which is between its readings then.
-        let matters = |i: &&usize| {
-            let place = changes[**i].0;
-            self.series[place].0 >= span_s[0] && self.series[place - 1].0 < span_s[1]
-        };
-        let mut jumps: Vec<(f64, f64)> = places.iter().filter(matters).filter_map(sized).collect();
+        let mut jumps: Vec<(f64, f64)> = places.iter().filter_map(sized).collect();
+        jumps.retain(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
         jumps.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
         jumps.truncate(MOST_JUMPS);
         let (_, largest_k) = jumps.first().copied()?;

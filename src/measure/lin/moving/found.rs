@@ -3,7 +3,7 @@
 
 use super::{Moving, PARAMETERS, Places, derivatives};
 use crate::data::calibration::{SlopeSource, SlopeStd, TemperatureSlopes};
-use crate::fit::statistics::{chi2_tail, std_of};
+use crate::fit::statistics::{fisher_tail, std_of};
 use crate::model::campaign::SlopeBounds;
 use crate::model::sensor::Split;
 use crate::model::sensor_polynomials::SensorChange;
@@ -110,15 +110,15 @@ impl<'a> Found<'a> {
         self
     }
 
-    /// Probability that noise alone makes the changes with the highest power as large.
-    pub fn probability_of_the_highest(&self) -> f64 {
+    /// Probability that noise alone, which the fit tells with so many degrees of freedom, makes the changes with the highest power as large.
+    pub fn probability_of_the_highest(&self, freedom: usize) -> f64 {
         let first = PARAMETERS * self.places.powers;
         let values = DVector::from_fn(6, |q, _| self.change.sensor[q].last().copied().unwrap_or(0.0));
         let scale = DVector::from_fn(6, |q, _| self.covariance[(first + q, first + q)].sqrt());
         let scaled = DMatrix::from_fn(6, 6, |r, c| self.covariance[(first + r, first + c)] / (scale[r] * scale[c]));
         let Some(cholesky) = scaled.cholesky() else { return 1.0 };
         let values = values.component_div(&scale);
-        chi2_tail(values.dot(&cholesky.solve(&values)), 6.0)
+        fisher_tail(values.dot(&cholesky.solve(&values)) / 6.0, [6.0, freedom as f64])
     }
 
     fn std(&self, index: usize) -> f64 {
