@@ -454,3 +454,57 @@ fn two_spikes_are_no_signal() {
         assert!(said.steps().is_empty(), "{seed}: {}", said.diagnosis["verdict"]);
     }
 }
+
+/// Two steps of one axis are one effect with two forms: both are told with their sizes, and both are taken off with the model that is written.
+#[test]
+fn two_steps_of_the_offset_are_told_and_taken_off() {
+    let steps =
+        |i: usize| [0.0, 20.0 * MEAN_ENT * f64::from(u8::from(i >= 24)) - 12.0 * MEAN_ENT * f64::from(u8::from(i >= 48)), 0.0];
+    let run = run(6, |i, _| steps(i));
+    let case = Case::of(run.text());
+    let model = case.path().join("model.toml");
+    let output = case.run("diagnose", &["--no-plots", "--write-model", model.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let diagnosis: Value =
+        serde_json::from_str(&fs::read_to_string(case.out().join(RUN_ID).join("diagnosis.json")).unwrap()).unwrap();
+    let [step] = diagnosis["steps"].as_array().unwrap().as_slice() else { panic!("{}", diagnosis["steps"]) };
+    assert_eq!(step["effect"], "offset_step");
+    let [further] = step["further"].as_array().unwrap().as_slice() else { panic!("{step}") };
+    let size = |parameters: &Value| -> [f64; 2] {
+        let p = parameters.as_array().unwrap().iter().find(|p| p["name"] == "c_y").unwrap();
+        ["value", "std"].map(|key| p[key].as_f64().unwrap())
+    };
+    let mut sizes = [size(&step["parameters"]), size(&further["parameters"])];
+    sizes.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    for ([value, std], truth) in sizes.into_iter().zip([-12.0 * MEAN_ENT, 20.0 * MEAN_ENT]) {
+        assert!((value - truth).abs() < 4.0 * std && std < 1.5 * MEAN_ENT, "{value} ± {std}, not {truth}");
+    }
+    says(step["sentence"].as_str().unwrap(), &["once more, c_y = "]);
+    assert_eq!(fs::read_to_string(&model).unwrap().matches("[[effect]]").count(), 2);
+    let output = case.run("lin", &["--no-plots", "--force", "--model", model.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let left = common::check::number(&case.cpf(), "quality.residual_nt.std.1");
+    assert!(left < 1.3 * MEAN_ENT, "{left}");
+}
+
+/// One plateau that is off looks like a step, or two, in it: what is named is not certain, the plateau is told, and no model takes it.
+#[test]
+fn one_disturbed_plateau_is_no_effect() {
+    for (seed, by) in [(7, 12.0), (8, 40.0), (9, 400.0)] {
+        let run = run(seed, |i, _| [0.0, 0.0, by * MEAN_ENT * f64::from(u8::from(i == 30))]);
+        let case = Case::of(means(&run));
+        let model = case.path().join("model.toml");
+        let output = case.run("diagnose", &["--no-plots", "--write-model", model.to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let diagnosis: Value =
+            serde_json::from_str(&fs::read_to_string(case.out().join(RUN_ID).join("diagnosis.json")).unwrap()).unwrap();
+        assert_ne!(diagnosis["verdict_kind"], "none", "{by}");
+        for step in diagnosis["steps"].as_array().unwrap() {
+            assert_ne!(step["wording"], "is", "{by}: {step}");
+            let at_s = step["one_plateau_s"].as_f64().unwrap();
+            assert!((at_s - 30.5 * SETTING_S).abs() < 1.5 * SETTING_S, "{by}: {step}");
+        }
+        let text = fs::read_to_string(&model).unwrap();
+        assert!(!text.contains("[[effect]]"), "{by}: {text}");
+    }
+}

@@ -175,6 +175,40 @@ fn readings_without_noise_give_the_polynomials_and_the_linear_parameters_of_ever
     }
 }
 
+/// Four runs whose sensor warms by 1.5 K while the axes are driven one after the other, with sensitivities that follow it by 2e-5 per kelvin: slopes that
+/// are found without a polynomial take most of its cube. Readings as they were measured, with the slopes beside it, give it back.
+#[test]
+fn a_temperature_that_moves_takes_nothing_of_the_polynomials() {
+    let (c2, c3) = ([3e-8, 0.0, -5e-8], [2e-11, -4e-11, 0.0]);
+    let fields = axis_by_axis(&[500.0, -500.0, 1000.0, -1000.0, 2000.0, -2000.0, 1500.0, -1500.0]);
+    let last = fields.len() as f64 - 1.0;
+    let campaign = its_campaign();
+    let mut gauss = Gauss(12);
+    let fit = |k: usize| {
+        let base = Sensor { c2, c3, ..Sensor::with_offset([10.0, -5.0, 3.0]) };
+        let over_k = |i: usize| 1.5 * (i as f64 / last - 0.5);
+        let mut made = plateaus(&base, &fields, 0.0, &mut Gauss(1));
+        for (i, p) in made.list.iter_mut().enumerate() {
+            let warm = Sensor { response: base.response.map(|row| row.map(|a| a * (1.0 + 2e-5 * over_k(i)))), ..base.clone() };
+            p.mean = Reading(warm.reading(fields[i]).map(|r| r + 0.01 * gauss.normal()));
+        }
+        let mut run = header(k);
+        let degc = |i: usize| 20.0 + over_k(i);
+        run.temperatures.t_s = (0..fields.len()).map(|i| 25.0 * i as f64 + 12.0).collect();
+        run.temperatures.values = vec![(0..fields.len()).map(degc).collect(); run.temperatures.names.len()];
+        lin(&run, &made, &campaign.file.instructions, &constant_offset()).unwrap()
+    };
+    let first: Vec<Lin> = (1..=4).map(fit).collect();
+    assert!(first.iter().all(|l| l.over_k.is_some()));
+    let part = linearise(&first.iter().collect::<Vec<_>>()).unwrap().linearisation.part;
+    for a in 0..3 {
+        assert!((part.c2_per_ent[a] - c2[a]).abs() < 4.0 * part.c2_std_per_ent[a], "{part:?}");
+        assert!((part.c3_per_ent2[a] - c3[a]).abs() < 4.0 * part.c3_std_per_ent2[a], "{part:?}");
+    }
+    // The cube of y shows.
+    assert!(part.c3_per_ent2[1].abs() > 5.0 * part.c3_std_per_ent2[1], "{part:?}");
+}
+
 #[test]
 fn intervals_of_polynomials_and_of_what_rests_on_them_hold_the_truth_in_95_percent_of_made_campaigns() {
     // Student's t for 106 degrees of freedom (120 plateaus, 12 own parameters, 2 shared ones) and for 36, from the table.

@@ -70,16 +70,40 @@ fn offset_drift_and_noise_come_back_from_a_file_and_verify() {
     assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
 }
 
+/// A line within the band around 1 Hz is a line and no noise, also in a record of a quarter of an hour.
+#[test]
+fn a_line_in_a_short_record_is_not_in_the_density() {
+    let mut run = night();
+    run.samples.retain(|s| s.t < 900.0);
+    run.settings[0].t_end = 900.0;
+    run.samples.iter_mut().for_each(|s| s.reading[0] += 2.0 * (std::f64::consts::TAU * 1.03 * s.t).sin());
+    let (case, output) = analysed(&run, &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let p = parameters(&case.out().join(FILE));
+    let line = p["line"].as_array_of_tables().unwrap().get(0).unwrap();
+    assert!((line["frequency_hz"].as_float().unwrap() - 1.03).abs() < 0.01, "{line}");
+    let density = NOISE_ENT * (2.0 / RATE_HZ).sqrt();
+    let [found, std] = ["ent_per_root_hz", "std_ent_per_root_hz"].map(|key| number(&p, &format!("density.{key}.0")));
+    assert!((found - density).abs() < 3.5 * std && std < 0.1 * density, "{found} ± {std}, not {density}");
+}
+
 /// A step of a quarter of the noise of a sample is forty times what half an hour leaves of it; without it the drift describes the record.
 #[test]
 fn a_step_in_the_record_is_no_drift_without_a_word() {
-    let said = |step_ent: f64| {
+    let said = |step_ent: f64, at_s: f64| {
         let mut run = night();
-        run.samples.iter_mut().filter(|s| s.t > 1800.0).for_each(|s| s.reading[1] += step_ent);
+        run.samples.iter_mut().filter(|s| s.t > at_s).for_each(|s| s.reading[1] += step_ent);
         text(&analysed(&run, &["--no-plots"]).1.stderr)
     };
-    says(&said(0.1), &["the means of y do not follow a drift of order 1", "a step at about 18"]);
-    assert!(!said(0.0).contains("do not follow"));
+    // Wherever it is.
+    for at_s in [700.0, 1330.0, 1800.0, 2570.0] {
+        let said = said(0.1, at_s);
+        says(&said, &["the means of y do not follow a drift of order 1", "a step at about "]);
+        let (_, told) = said.split_once("a step at about ").unwrap();
+        let told_s: f64 = told.split(' ').next().unwrap().parse().unwrap();
+        assert!((told_s - at_s).abs() < 90.0, "{told_s} for {at_s}");
+    }
+    assert!(!said(0.0, 1800.0).contains("do not follow"));
 }
 
 #[test]

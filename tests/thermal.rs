@@ -135,6 +135,51 @@ fn too_few_temperatures_and_too_high_orders_are_refused_by_name_and_other_groups
     says(&text(&output.stderr), &["b_off_x", "order 2 needs 3 different points; there are 2", "--order"]);
 }
 
+/// Straight line with weights: intercept, slope, their variances, and the weighted squares that are left, by the normal equations.
+fn weighted_line(t: &[f64], y: &[f64], weights: &[f64]) -> [f64; 5] {
+    let sum = |of: &dyn Fn(usize) -> f64| (0..t.len()).map(|i| weights[i] * of(i)).sum::<f64>();
+    let [s, st, stt] = [sum(&|_| 1.0), sum(&|i| t[i]), sum(&|i| t[i] * t[i])];
+    let [sy, sty] = [sum(&|i| y[i]), sum(&|i| t[i] * y[i])];
+    let determinant = s * stt - st * st;
+    let [a, b] = [(stt * sy - st * sty) / determinant, (s * sty - st * sy) / determinant];
+    [a, b, stt / determinant, s / determinant, sum(&|i| (y[i] - a - b * t[i]).powi(2))]
+}
+
+/// Two of six runs are known a hundred times better than the others, and all scatter by more than any of them says: with the scatter added to each, as
+/// much as leaves squares of their number, all count nearly alike. With a common factor the two would decide everything.
+#[test]
+fn a_scatter_between_runs_is_the_same_for_all_of_them() {
+    let case = Case::new();
+    let degc = [-40.0, -20.0, 0.0, 20.0, 40.0, 60.0];
+    let std = [0.01, 0.0001, 0.01, 0.01, 0.0001, 0.01];
+    let off = [0.04, -0.05, 0.01, -0.03, 0.06, -0.02];
+    let value: Vec<f64> = degc.iter().zip(off).map(|(t, off)| 5.0 + 1e-3 * t + off).collect();
+    for i in 0..6 {
+        let text = opf(&format!("13-04-0{}_09-00-00", i + 1), "A", Some(degc[i]), value[i]);
+        let own = format!("offset_std_ent = [{:?}, 0.01, 0.01]", std[i]);
+        case.put(&format!("A{i}.OPF"), text.replace("offset_std_ent = [0.01, 0.01, 0.01]", &own));
+    }
+    let output = case.run("thermal", &["--no-plots", "--order", "b_off=1"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["b_off_x: the runs scatter by", "was added to those of all runs"]);
+    let found = parameters(&case.out().join("THERMAL_OFF_PARAMETER__13-04-01-09-00-00.TOF"));
+    // The scatter with which the squares are as many as degrees of freedom, by halving.
+    let of = |scatter: f64| weighted_line(&degc, &value, &std.map(|s| 1.0 / (s * s + scatter * scatter)));
+    let [mut low, mut high] = [0.0, 1.0];
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if of(middle)[4] > 4.0 { low = middle } else { high = middle }
+    }
+    let [a, b, var_a, var_b, _] = of(high);
+    let number = |path: &str| common::check::number(&found, path);
+    assert!((number("quantity.0.scatter") / high - 1.0).abs() < 1e-6, "{high}");
+    assert!((number("b_off_x.0") / a - 1.0).abs() < 1e-9 && (number("b_off_x.1") / b - 1.0).abs() < 1e-7);
+    assert!((number("covariance.b_off_x.0.0") / var_a - 1.0).abs() < 1e-6);
+    assert!((number("covariance.b_off_x.1.1") / var_b - 1.0).abs() < 1e-6);
+    // Four degrees of freedom told it.
+    assert!((number("quantity.0.factor_95") - 2.776_445).abs() < 1e-5);
+}
+
 /// Of four runs one is wrong: left out by its id it is in no polynomial; an option of runs and an id of nothing are refused.
 #[test]
 fn files_are_left_out_by_the_id_of_their_run_and_options_of_runs_are_refused() {

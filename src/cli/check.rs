@@ -5,7 +5,7 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
 use crate::data::index::INDEX_FILE;
-use crate::data::run::{Vector, VectorSink};
+use crate::data::run::{Kind, Vector, VectorSink};
 use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
 use crate::files::import::mapping;
@@ -194,6 +194,12 @@ fn check(path: &Path, common: &Common, readings: &mut Option<u64>) -> (Vec<Findi
                 let campaigns = Campaign::open(&[path.to_owned()], &mut Vec::new()).unwrap_or_default();
                 let instructions = campaigns.first().map_or_else(Instructions::default, |c| c.file.instructions.clone());
                 findings.extend(temperature_faults::faults(&run, &instructions).into_iter().map(fault));
+                let needs_settings = matches!(run.header.kind, Kind::Linearity | Kind::Offset | Kind::Frequency | Kind::Sweep);
+                if needs_settings && run.settings.is_empty() && run.blocks.is_empty() {
+                    let rule = format!("has no setting, without which a run of the kind {} gives nothing", run.header.kind);
+                    let remedy = "add @FIELDS with the settings, or @BLOCKS with means";
+                    findings.push(Finding::error(&shown, rule, remedy).weighing(Severity::Warning));
+                }
                 findings.extend(run.findings);
             }
             Err(errors) => findings.extend(errors),

@@ -132,21 +132,34 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let known_lag = options.model.as_ref().and_then(Known::thermal_lag);
     let course = Course::smooth(series);
     let possible = lag::possible(&lags[chosen], options.lag, known_lag);
-    let known_from_s = possible.iter().filter_map(|lag| lag.known_from_s(&course)).reduce(f64::max);
-    if let (Some(from_s), Some(lag)) = (known_from_s, possible.first()) {
-        let before = used.len();
-        used.retain(|p| p.used_s[0] >= from_s);
+    let known_s = [
+        possible.iter().filter_map(|lag| lag.known_from_s(&course)).reduce(f64::max),
+        possible.iter().filter_map(|lag| lag.known_until_s(&course)).reduce(f64::min),
+    ];
+    if let (true, Some(lag)) = (known_s.iter().any(Option::is_some), possible.first()) {
+        let [begin_s, end_s] = [known_s[0].unwrap_or(f64::NEG_INFINITY), known_s[1].unwrap_or(f64::INFINITY)];
+        let [before, after] =
+            [used.iter().filter(|p| p.used_s[0] < begin_s).count(), used.iter().filter(|p| p.used_s[1] > end_s).count()];
+        used.retain(|p| p.used_s[0] >= begin_s && p.used_s[1] <= end_s);
         if used.len() < 2 * parameters {
             return Err(SweepError::TooFew { used: used.len(), total: list.len(), parameters });
         }
         means = Means::of(&used);
-        let text = format!(
-            "{} settings before {from_s:.0} s are left out: {channel} moves already at its first reading, and where the sensor, which follows it by \
-             about {:.0} s, came from is not known",
-            before - used.len(),
-            lag.seconds()
-        );
-        notes.push(Note::new(NoteKind::Temperature, text).about(channel));
+        let about_s = lag.seconds().abs();
+        if before > 0 {
+            let text = format!(
+                "{before} settings before {begin_s:.0} s are left out: {channel} moves already at its first reading, and where the sensor, which \
+                 follows it by about {about_s:.0} s, came from is not known"
+            );
+            notes.push(Note::new(NoteKind::Temperature, text).about(channel));
+        }
+        if after > 0 {
+            let text = format!(
+                "{after} settings behind {end_s:.0} s are left out: {channel} still moves at its last reading, and what the sensor, which is ahead of it \
+                 by about {about_s:.0} s, had reached then is not known"
+            );
+            notes.push(Note::new(NoteKind::Temperature, text).about(channel));
+        }
         // What was not known made one kind of lag look like another.
         lags[chosen] = thermistors::find_lag(channel, series, &means, linear);
     }

@@ -145,6 +145,16 @@ impl Lag {
             Lag::Delay(delay_s) => begin_s + delay_s,
         })
     }
+
+    /// When the temperature of the part ends to be known, s: where it is earlier than its thermistor by a time, this does not read what the part had
+    /// last. `None` where it is known up to the last reading.
+    #[must_use]
+    pub fn known_until_s(self, thermistor: &Course) -> Option<f64> {
+        let Lag::Delay(delay_s) = self else { return None };
+        let (end_s, _) = *thermistor.series.last()?;
+        let ahead_k = thermistor.rate_per_s.last()?.abs() * -delay_s;
+        (ahead_k > thermistor.noise.max(LEAST_NOISE_K)).then_some(end_s + delay_s)
+    }
 }
 
 /// Why a text is no lag.

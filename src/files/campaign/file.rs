@@ -240,6 +240,9 @@ fn slope_bounds(root: &Group, findings: &mut Vec<Finding>) -> Result<SlopeBounds
         if std.is_nan() || std <= 0.0 {
             return Err(group.refuse("std", "must be positive", "write the standard uncertainty in the unit of `unit`"));
         }
+        if group.text("common")?.is_some_and(|common| !["none", "axes", "runs"].contains(&common.as_str())) {
+            return Err(group.refuse("common", "is what shares one error", "write none, axes or runs"));
+        }
         let (bound, unit) = match quantity.as_str() {
             "slope_sigma" => (&mut bounds.sigma_per_k, "nT/enT/K"),
             "slope_xi" => (&mut bounds.xi_deg_per_k, "deg/K"),
