@@ -1231,7 +1231,7 @@ fn a_run_with_swapped_axes_in_a_thermal_group_is_warned_of_loudly() {
     let case = campaign(&runs);
     let (tpf, stderr) = thermal(&case, &[], TPF);
     says(&stderr, &["13-04-04/08-00-00.CCR: AXES", "left-handed", "nominal +y axis"]);
-    says(&warnings(&tpf), &["sigma_x: the runs scatter by", "widened"]);
+    says(&warnings(&tpf), &["sigma_x: the runs scatter by", "was added to those of all runs"]);
 }
 
 // row 30

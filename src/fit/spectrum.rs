@@ -313,9 +313,11 @@ pub fn lines(stage: &Stage) -> Vec<Line> {
     let density = &stage.density;
     let [begin, end] = stage.bins;
     let single = density.degrees_of_freedom(1);
-    if density.segments < LEAST_SEGMENTS || end < begin + 2 * BESIDE_BINS {
+    if density.segments < LEAST_SEGMENTS {
         return Vec::new();
     }
+    // The bins beside one need not be of this stage; the first ones have too few below them.
+    let begin = begin.max(NEXT_BIN);
     let threshold = (chi2_quantile(single, 1.0 - LINE_PROBABILITY) / single).max(LEAST_RATIO);
     // The median of χ² over its mean.
     let median_share = chi2_quantile(single, 0.5) / single;

@@ -11,6 +11,7 @@ use crate::diagnose::{APART, selection, words};
 use crate::fit::scan::Score;
 use crate::model::effects::{Family, GAIN_WITH, Record, UNKNOWN};
 use nalgebra::{DMatrix, DVector};
+use std::ops::Range;
 
 /// Rivals whose evidence (logarithm) is less than that of a term by more than this are not listed.
 pub const HOPELESS: f64 = 60.0;
@@ -186,8 +187,8 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     Description { facts, map, evidence: Some(rivals.bars(number)) }
 }
 
-/// The row without which little of a term is left: that on which most of it is, or one beside which it begins. What is left of two jumps within
-/// one row is that row alone.
+/// The row without which little of a term is left: that on which most of it is, or two beside which it begins, since a disturbance may lie across the
+/// border of two. What is left of two jumps within one row is that row alone.
 fn one_row(
     means: &Means,
     without: &MeansModel,
@@ -200,13 +201,12 @@ fn one_row(
     let own = &contribution.own_ent;
     let largest = (0..n).max_by(|i, j| own[*i].abs().total_cmp(&own[*j].abs()))?;
     let begin = candidate.effect.begins_s(&candidate.spec).map(|s| record.rows.partition_point(|r| r.used_s[1] <= s));
-    let near = begin.into_iter().flat_map(|row| row.saturating_sub(1)..(row + 2).min(n));
-    let mut rows: Vec<usize> = near.chain([largest]).collect();
-    rows.sort_unstable();
-    rows.dedup();
-    let is_it = |row: &usize| {
+    let near = begin.into_iter().flat_map(|row| row.saturating_sub(2)..(row + 2).min(n));
+    let places: Vec<Range<usize>> = near.map(|row| row..(row + 2).min(n)).chain([largest..largest + 1]).collect();
+    let is_it = |place: &Range<usize>| {
+        let rows: Vec<usize> = (0..3).flat_map(|a| place.clone().map(move |row| a * n + row)).collect();
         let alone = Candidate {
-            columns: DMatrix::from_fn(3 * n, 3, |i, a| f64::from(u8::from(i == a * n + row))),
+            columns: DMatrix::from_fn(3 * n, rows.len(), |i, j| f64::from(u8::from(i == rows[j]))),
             ..(*candidate).clone()
         };
         let with: Vec<&Candidate> = others.iter().copied().chain([&alone]).collect();
@@ -214,7 +214,7 @@ fn one_row(
         let left = beside.fitted.score(&means.group(&beside, candidate));
         left.strength < LEAST_OF_OTHERS * score.strength
     };
-    rows.into_iter().find(is_it)
+    places.into_iter().find(is_it).map(|place| place.start)
 }
 
 /// Whether any of the linear parameters of a term stands out of its uncertainty: a form whose shape is free can follow something that is not its
