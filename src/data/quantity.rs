@@ -44,7 +44,7 @@ pub struct QuantityFound {
     pub scatter: f64,
     /// Value minus polynomial.
     pub residual: Vec<f64>,
-    /// Factor by which the uncertainties were widened because the runs scatter by more than their own uncertainties, and because the order of the
+    /// What the runs scatter by over what their own uncertainties let expect, times the factor by which the uncertainties are larger because the order of the
     /// polynomial was chosen.
     pub widened: f64,
     /// Smallest value minus polynomial.

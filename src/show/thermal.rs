@@ -197,8 +197,8 @@ fn quality(thermal: &Thermal) -> Section {
     }
     Section::new("Model quality")
         .with(
-            "Value of a run minus polynomial. Uncertainties are widened where the runs scatter by more than their own (the factor that a warning \
-             names), and where the order was chosen by the orders that it might be as well; the table has the product. An interval of 95 % is the standard uncertainty times the factor, which is larger \
+            "Value of a run minus polynomial. Where the runs scatter by more than their own uncertainties, the scatter is added to these (the warning names it \
+             and the factor); where the order was chosen, the uncertainty is that of the orders that it might be as well. The table has the product. An interval of 95 % is the standard uncertainty times the factor, which is larger \
              where the scatter of a few runs told the uncertainty:",
         )
         .with(table)
