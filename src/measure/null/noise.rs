@@ -127,14 +127,19 @@ fn stages(record: &Kept, rate_hz: f64) -> Vec<Stage> {
 /// Amplitude density at 1 Hz from the bins around it.
 fn density(stages: &[Stage], lines: &[Line]) -> Option<NoiseDensity> {
     let [low, high] = [STATED_HZ / STATED_RATIO, STATED_HZ * STATED_RATIO];
-    let stage = stages.iter().find(|s| {
-        let step = s.density.step_hz;
-        s.bins[0] as f64 * step <= low && (s.bins[1] - 1) as f64 * step >= high
+    let covers = |s: &&Stage, bins: [usize; 2]| {
+        bins[0] as f64 * s.density.step_hz <= low && (bins[1] - 1) as f64 * s.density.step_hz >= high
+    };
+    let whole = |s: &Stage| [FIRST_BIN, s.density.power[0].len()];
+    let own = stages.iter().filter(|s| covers(s, s.bins));
+    // The band may lie across two stages, or a line may take all of its bins in one: the others reach beyond their own bins, the last has the most segments.
+    let others = stages.iter().rev().filter(|s| covers(s, whole(s)));
+    let point = own.chain(others).find_map(|stage| {
+        let step = stage.density.step_hz;
+        let bins = [(low / step).ceil() as usize, (high / step).floor() as usize + 1];
+        // One band of all of it.
+        spectrum::bands(&[Stage { density: stage.density.clone(), bins }], 0.5, lines).first().copied()
     })?;
-    let step = stage.density.step_hz;
-    let part = Stage { density: stage.density.clone(), bins: [(low / step).ceil() as usize, (high / step).floor() as usize + 1] };
-    // One band of all of it.
-    let point = *spectrum::bands(&[part], 0.5, lines).first()?;
     let [low, high] = point.limits();
     let amplitude: [f64; 3] = std::array::from_fn(|c| point.amplitude(c));
     Some(NoiseDensity {
