@@ -176,22 +176,26 @@ fn beside_edges(prepared: &PreparedRun, samples: &Samples, known: &[Inside], rat
 fn clip(values: &mut [f64], windows: &[[usize; 2]]) {
     let around = |values: &[f64], from: usize, to: usize, k: usize| {
         let begin = k.saturating_sub(BESIDE).max(from).min(to.saturating_sub(2 * BESIDE + 1).max(from));
-        median(&mut values[begin..(begin + 2 * BESIDE + 1).min(to)].to_vec())
+        let near = &values[begin..(begin + 2 * BESIDE + 1).min(to)];
+        // Nearly all samples have as many neighbours, for which no memory is asked.
+        <[f64; 2 * BESIDE + 1]>::try_from(near).map_or_else(|_| median(&mut near.to_vec()), |mut near| median(&mut near))
     };
-    let inside = || windows.iter().flat_map(|[from, to]| (*from..*to).map(move |k| (*from, *to, k)));
-    let off: Vec<f64> = inside().map(|(from, to, k)| (values[k] - around(values, from, to, k)).abs()).collect();
-    let mut sizes = off.clone();
+    let of_window = |[from, to]: &[usize; 2]| -> Vec<f64> {
+        (*from..*to).map(|k| (values[k] - around(values, *from, *to, k)).abs()).collect()
+    };
+    let off: Vec<Vec<f64>> = windows.par_iter().map(of_window).collect();
+    let mut sizes = off.concat();
     let place = sizes.len() * 9 / 10;
     if place >= sizes.len() {
         return;
     }
     let most = SPIKE / NORMAL_90 * *sizes.select_nth_unstable_by(place, f64::total_cmp).1;
-    let spikes: Vec<(usize, f64)> = inside()
-        .zip(&off)
-        .filter(|(_, off)| **off > most && most > 0.0)
-        .map(|((from, to, k), _)| (k, around(values, from, to, k)))
-        .collect();
-    if spikes.len() as f64 <= FEW * off.len() as f64 {
+    let spikes_of = |([from, to], off): (&[usize; 2], &Vec<f64>)| -> Vec<(usize, f64)> {
+        let is_spike = |(_, off): &(usize, &f64)| **off > most && most > 0.0;
+        (*from..*to).zip(off).filter(is_spike).map(|(k, _)| (k, around(values, *from, *to, k))).collect()
+    };
+    let spikes: Vec<(usize, f64)> = windows.iter().zip(&off).flat_map(spikes_of).collect();
+    if spikes.len() as f64 <= FEW * sizes.len() as f64 {
         spikes.into_iter().for_each(|(k, value)| values[k] = value);
     }
 }
@@ -391,7 +395,7 @@ fn strongest(
     };
     let mut left = residual.clone();
     remove(&mut left, record, grid.samples, grid.windows, &signal);
-    signal.squares = [waves.squares(residual), waves.squares(&left), 3.0 * grid.used as f64];
+    signal.squares = [noise.squares(grid, residual), noise.squares(grid, &left), 3.0 * grid.used as f64];
     signal.rms_ent = [rms(residual, grid.windows), rms(&left, grid.windows)];
     Some(Found { signal, line_hz, left })
 }

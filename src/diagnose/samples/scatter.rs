@@ -92,8 +92,7 @@ impl Expected {
                 let expected = &covariance * firmness;
                 let log_expected = log + size * (variance * firmness).ln();
                 let sum = &expected + &squares;
-                let likelihood =
-                    common + 0.5 * freedom * log_expected - 0.5 * (freedom + count) * determinant(sum.clone())?;
+                let likelihood = common + 0.5 * freedom * log_expected - 0.5 * (freedom + count) * determinant(sum.clone())?;
                 if best.as_ref().is_none_or(|b| likelihood > b.0) {
                     best = Some((likelihood, firmness, sum));
                 }

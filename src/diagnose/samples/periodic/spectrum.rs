@@ -1,6 +1,7 @@
 //! Spectra of what the means of the plateaus leave: lines, and combs of lines, that noise makes seldom.
 
 use super::{HARMONICS, SLOW};
+use crate::diagnose::samples::squares;
 use crate::fit::statistics::{log_chi2_tail, median, two_sided_tail};
 use crate::model::effects::in_samples::Harmonic;
 use crate::record::prepared::Samples;
@@ -213,6 +214,16 @@ impl Noise {
     pub fn usual_level(&self, axis: usize) -> f64 {
         median(&mut self.levels[axis].clone())
     }
+
+    /// Weighted squares of residuals over the variance of a sample, which is the median level of the spectrum.
+    pub fn squares(&self, grid: &Grid, residual: &[Vec<f64>; 3]) -> f64 {
+        let of_axis = |a: usize| {
+            let variance = self.usual_level(a) / grid.used as f64;
+            let own = squares(&residual[a], grid.windows);
+            own.iter().zip(&self.weights[a]).map(|(square, weight)| weight * square).sum::<f64>() / variance
+        };
+        (0..3).map(of_axis).sum()
+    }
 }
 
 impl Spectrum {
@@ -387,8 +398,7 @@ fn log_gamma_tail(count: usize, x: f64) -> f64 {
 /// What the samples of each plateau count for: noise may grow with the field or with temperature. Their mean over the samples is 1.
 fn weights(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
     let counts: Vec<f64> = windows.iter().map(|[from, to]| to.saturating_sub(*from) as f64).collect();
-    let squares = windows.iter().map(|[from, to]| values[*from..*to].iter().map(|v| v * v).sum::<f64>());
-    let mut variances: Vec<f64> = squares.zip(&counts).map(|(sum, n)| sum / n.max(1.0)).collect();
+    let mut variances: Vec<f64> = squares(values, windows).iter().zip(&counts).map(|(sum, n)| sum / n.max(1.0)).collect();
     // Readings that do not move say nothing about noise.
     let least = LEAST_VARIANCE * median(&mut variances.clone());
     variances.iter_mut().for_each(|v| *v = v.max(least).max(f64::MIN_POSITIVE));
