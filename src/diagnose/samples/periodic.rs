@@ -74,8 +74,8 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
     // However long the parts are whose means are taken off, slow noise has the lowest frequencies for itself.
     let grid = if has_fields { grid } else { grid.over_rows(&prepared.windows) };
     let slopes = Slopes::new(samples, windows);
-    let mut spectrum = Spectrum::new(&grid);
-    let mut residual = around_means(prepared, samples, windows, known);
+    // The plan of the transform takes one thread some time.
+    let (mut spectrum, mut residual) = rayon::join(|| Spectrum::new(&grid), || around_means(prepared, samples, windows, known));
     let mut is_level = [false; 3];
     let level = |residual: &mut [Vec<f64>; 3], is_level: &mut [bool; 3]| {
         residual.par_iter_mut().zip(is_level.par_iter_mut()).for_each(|(values, is_level)| {
