@@ -76,6 +76,7 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
     let slopes = Slopes::new(samples, windows);
     // The plan of the transform takes one thread some time.
     let (mut spectrum, mut residual) = rayon::join(|| Spectrum::new(&grid), || around_means(prepared, samples, windows, known));
+    let mut quiet = Default::default();
     let mut is_level = [false; 3];
     let level = |residual: &mut [Vec<f64>; 3], is_level: &mut [bool; 3]| {
         residual.par_iter_mut().zip(is_level.par_iter_mut()).for_each(|(values, is_level)| {
@@ -85,12 +86,11 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
     level(&mut residual, &mut is_level);
     for _ in 0..MOST_SIGNALS {
         let taken = Taken { slopes: slopes.as_ref(), is_level };
-        let Some(Found { signal, line_hz, left }) =
-            strongest(&prepared.record, &signals, &grid, &taken, &mut spectrum, &residual)
+        let Some(Found { signal, line_hz }) =
+            strongest(&prepared.record, &signals, &grid, &taken, &mut spectrum, &mut residual, &mut quiet)
         else {
             break;
         };
-        residual = left;
         // A signal that comes again with the settings had lost a slope that was its own.
         level(&mut residual, &mut is_level);
         if !known.iter().chain(&found).any(|k| belongs(line_hz, k, &grid)) {
@@ -120,11 +120,10 @@ impl Signals {
     }
 }
 
-/// A periodic signal, the line that showed it, and what it leaves.
+/// A periodic signal and the line that showed it.
 struct Found {
     signal: Inside,
     line_hz: f64,
-    left: [Vec<f64>; 3],
 }
 
 /// Whether a line lies on a harmonic of a known signal, where the samples show it.
@@ -351,29 +350,38 @@ fn shown(signals: &Signals, grid: &Grid, spectrum: &mut Spectrum, residual: &[Ve
     Some((Shown { line_hz, p_value, is_tone, comb }, noise))
 }
 
-/// Weights and levels of the noise beside a line: a signal is no noise, and it is measured with what is left without it.
-fn noise_beside(line_hz: f64, noise: &Noise, grid: &Grid, spectrum: &mut Spectrum, residual: &[Vec<f64>; 3]) -> Option<Noise> {
+/// Weights and levels of the noise beside a line: a signal is no noise, and it is measured with what is left without it, in `quiet`.
+fn noise_beside(
+    line_hz: f64,
+    noise: &Noise,
+    grid: &Grid,
+    spectrum: &mut Spectrum,
+    residual: &[Vec<f64>; 3],
+    quiet: &mut [Vec<f64>; 3],
+) -> Option<Noise> {
     let with_signal = Waves { grid, noise, residual };
-    let mut quiet = residual.clone();
     let waves = with_signal.harmonics(line_hz, HARMONICS)?;
-    with_signal.take_off(&mut quiet, &waves);
-    demean(&mut quiet, grid.windows);
-    spectrum.take(grid, &quiet)
+    quiet.par_iter_mut().zip(residual).for_each(|(quiet, values)| quiet.clone_from(values));
+    with_signal.take_off(quiet, &waves);
+    demean(quiet, grid.windows);
+    spectrum.take(grid, quiet)
 }
 
-/// The strongest line of the spectra of all components together, as a tone or as a switched signal.
+/// The strongest line of the spectra of all components together, as a tone or as a switched signal, which is taken off the residuals. The memory of
+/// `quiet` is used again from signal to signal.
 fn strongest(
     record: &Record,
     signals: &Signals,
     grid: &Grid,
     taken: &Taken,
     spectrum: &mut Spectrum,
-    residual: &[Vec<f64>; 3],
+    residual: &mut [Vec<f64>; 3],
+    quiet: &mut [Vec<f64>; 3],
 ) -> Option<Found> {
     let (shown, noise) = shown(signals, grid, spectrum, residual)?;
     let waves = Waves { grid, noise: &noise, residual };
     let line_hz = waves.unrepeated(waves.refine(shown.line_hz));
-    let noise = noise_beside(line_hz, &noise, grid, spectrum, residual)?;
+    let noise = noise_beside(line_hz, &noise, grid, spectrum, residual, quiet)?;
     let waves = &Waves { grid, noise: &noise, residual };
     let line_hz = waves.refine(line_hz);
     let sines = waves.harmonics(line_hz, 1)?;
@@ -393,11 +401,13 @@ fn strongest(
         Some((other, _, found)) if tone_evidence - found.evidence < APART => Inside { ambiguous_with: vec![other], ..tone },
         _ => tone,
     };
-    let mut left = residual.clone();
-    remove(&mut left, record, grid.samples, grid.windows, &signal);
-    signal.squares = [noise.squares(grid, residual), noise.squares(grid, &left), 3.0 * grid.used as f64];
-    signal.rms_ent = [rms(residual, grid.windows), rms(&left, grid.windows)];
-    Some(Found { signal, line_hz, left })
+    let measured = |residual: &[Vec<f64>; 3]| (noise.squares(grid, residual), rms(residual, grid.windows));
+    let before = measured(residual);
+    remove(residual, record, grid.samples, grid.windows, &signal);
+    let after = measured(residual);
+    signal.squares = [before.0, after.0, 3.0 * grid.used as f64];
+    signal.rms_ent = [before.1, after.1];
+    Some(Found { signal, line_hz })
 }
 
 /// Axes on which values stand out of their uncertainties; all where none does.

@@ -78,6 +78,8 @@ pub struct Noise {
 pub struct Spectrum {
     fft: Arc<dyn RealToComplex<f64>>,
     axes: [Axis; 3],
+    /// Powers of the lines over the noise, of the three axes, and their sum.
+    powers: Vec<[f64; 4]>,
     /// Cycles per line from the begin of the record to its middle, which phases refer to.
     middle_lines: f64,
     /// First line that is looked at.
@@ -95,8 +97,6 @@ struct Axis {
 pub struct Lines<'a> {
     spectrum: &'a Spectrum,
     noise: &'a Noise,
-    /// Of the three axes, and their sum.
-    powers: Vec<[f64; 4]>,
     /// Sums of powers of so many harmonics as [`ADDED`] says, beyond which it is worth to look.
     far: [[f64; 4]; 4],
 }
@@ -233,7 +233,8 @@ impl Spectrum {
         let axis = || Axis { input: fft.make_input_vec(), lines: fft.make_output_vec(), scratch: fft.make_scratch_vec() };
         let axes = [axis(), axis(), axis()];
         let first = (grid.lowest_hz() / grid.step_hz()).ceil() as usize;
-        Self { fft, axes, middle_lines: grid.length as f64 / grid.size as f64 / 2.0, first: first.max(2) }
+        let middle_lines = grid.length as f64 / grid.size as f64 / 2.0;
+        Self { fft, axes, powers: Vec::new(), middle_lines, first: first.max(2) }
     }
 
     /// Makes them those of readings, and determines the noise of these.
@@ -264,20 +265,22 @@ impl Spectrum {
     }
 
     /// The lines over the noise.
-    pub fn lines<'a>(&'a self, noise: &'a Noise) -> Lines<'a> {
+    pub fn lines<'a>(&'a mut self, noise: &'a Noise) -> Lines<'a> {
+        let axes = &self.axes;
         let power = |line: usize| {
-            let [x, y, z] = [0, 1, 2].map(|a: usize| self.axes[a].lines[line].norm_sqr() / noise.level(a, line));
+            let [x, y, z] = [0, 1, 2].map(|a: usize| axes[a].lines[line].norm_sqr() / noise.level(a, line));
             [x, y, z, x + y + z]
         };
+        (0..axes[0].lines.len()).into_par_iter().map(power).collect_into_vec(&mut self.powers);
         let far = ADDED.map(|harmonics| [0, 1, 2, 3].map(|k| (parts_of(k) * harmonics) as f64).map(|n| n + FAR * n.sqrt()));
-        Lines { spectrum: self, noise, powers: (0..=self.end()).into_par_iter().map(power).collect(), far }
+        Lines { spectrum: self, noise, far }
     }
 }
 
 impl Lines<'_> {
     /// Logarithm of the probability that noise makes a line, on an axis or on all together.
     fn log_p(&self, line: usize) -> f64 {
-        let [x, y, z, all] = self.powers[line];
+        let [x, y, z, all] = self.spectrum.powers[line];
         log_gamma_tail(parts_of(3), all).min(-x.max(y).max(z))
     }
 
@@ -335,7 +338,7 @@ impl Lines<'_> {
                 if line >= self.spectrum.end() {
                     return best;
                 }
-                sums.iter_mut().zip(self.powers[line]).for_each(|(sum, power)| *sum += power);
+                sums.iter_mut().zip(self.spectrum.powers[line]).for_each(|(sum, power)| *sum += power);
             }
             for k in (0..4).filter(|k| sums[*k] > far[*k]) {
                 best = best.min(log_gamma_tail(parts_of(k) * upto, sums[k]));
