@@ -452,12 +452,14 @@ fn switched(
         all.enumerate().filter(move |(k, (_, hz))| *k < most || slow_hz.contains(hz)).map(|(_, part)| part)
     };
     let of_comb = |c: &spectrum::Comb| parts(c.base * waves.grid.step_hz(), c.strongest, 1);
-    parts(line_hz, 1, MOST_ORDER)
-        .chain(comb.into_iter().flat_map(of_comb))
-        .flat_map(|(order, base_hz)| {
-            signals.combs.iter().filter_map(move |(effect, form)| Some((*effect, *form, waves.switched(form, base_hz, order)?)))
-        })
-        .max_by(|a, b| a.2.evidence.total_cmp(&b.2.evidence))
+    let all: Vec<(f64, f64)> = parts(line_hz, 1, MOST_ORDER).chain(comb.into_iter().flat_map(of_comb)).collect();
+    let of_part = |(order, base_hz): &(f64, f64)| -> Vec<(EffectRef, Comb, Switched)> {
+        let of = |(effect, form): &(EffectRef, Comb)| Some((*effect, *form, waves.switched(form, *base_hz, *order)?));
+        signals.combs.iter().filter_map(of).collect()
+    };
+    // In the order of the parts, whatever the threads.
+    let fitted: Vec<Vec<(EffectRef, Comb, Switched)>> = all.par_iter().map(of_part).collect();
+    fitted.into_iter().flatten().max_by(|a, b| a.2.evidence.total_cmp(&b.2.evidence))
 }
 
 /// A switched signal with its best period, duty and delay; `None` where the fit does not confirm what lines showed that are no tone by
