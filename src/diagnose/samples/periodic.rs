@@ -350,7 +350,8 @@ fn shown(signals: &Signals, grid: &Grid, spectrum: &mut Spectrum, residual: &[Ve
     Some((Shown { line_hz, p_value, is_tone, comb }, noise))
 }
 
-/// Weights and levels of the noise beside a line: a signal is no noise, and it is measured with what is left without it, in `quiet`.
+/// Weights and levels of the noise beside a line: a signal is no noise, and it is measured with what is left without it, which
+/// is put into `quiet`.
 fn noise_beside(
     line_hz: f64,
     noise: &Noise,
@@ -367,8 +368,8 @@ fn noise_beside(
     spectrum.take(grid, quiet)
 }
 
-/// The strongest line of the spectra of all components together, as a tone or as a switched signal, which is taken off the residuals. The memory of
-/// `quiet` is used again from signal to signal.
+/// The strongest line of the spectra of all components together, as a tone or as a switched signal, which is taken off the
+/// residuals. The memory of `quiet` is used again from signal to signal.
 fn strongest(
     record: &Record,
     signals: &Signals,
