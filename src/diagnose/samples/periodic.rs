@@ -134,7 +134,7 @@ fn belongs(line_hz: f64, known: &Inside, grid: &Grid) -> bool {
 
 /// Readings of the used samples around the means of their plateaus, without what is known already.
 fn around_means(prepared: &PreparedRun, samples: &Samples, windows: &[[usize; 2]], known: &[Inside]) -> [Vec<f64>; 3] {
-    let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
+    let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.par_iter().map(|r| r[a]).collect());
     for signal in known {
         remove_raw(&mut residual, &prepared.record, samples, windows, signal);
     }

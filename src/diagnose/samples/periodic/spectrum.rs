@@ -64,6 +64,8 @@ pub struct Grid<'a> {
     lowest_hz: f64,
     /// Samples of the transform.
     size: usize,
+    /// Where each sample lies on the grid.
+    places: Vec<usize>,
 }
 
 /// Noise of readings around the means of their plateaus.
@@ -117,6 +119,7 @@ impl<'a> Grid<'a> {
         let length = ((samples.t_s.last()? - samples.t_s.first()?) * rate_hz).round() as usize + 1;
         let used = windows.iter().map(|w| w[1].saturating_sub(w[0])).sum();
         let longest = ((length as f64 / STRETCHES) as usize).max(2);
+        let place = |t_s: &f64| ((t_s - samples.t_s[0]) * rate_hz).round() as usize;
         (used >= FEWEST).then(|| Self {
             samples,
             windows,
@@ -126,6 +129,7 @@ impl<'a> Grid<'a> {
             stretches: stretches(&samples.t_s, windows, longest, GAP / rate_hz),
             lowest_hz: 1.0 / (SLOWEST * longest_s(samples, windows, rate_hz)),
             size: (2 * length).next_power_of_two(),
+            places: samples.t_s.par_iter().map(place).collect(),
         })
     }
 
@@ -239,16 +243,14 @@ impl Spectrum {
 
     /// Makes them those of readings, and determines the noise of these.
     pub fn take(&mut self, grid: &Grid, readings: &[Vec<f64>; 3]) -> Option<Noise> {
-        let t = &grid.samples.t_s;
         let weights = [0, 1, 2].map(|a: usize| weights(&readings[a], grid.windows));
         let fft = &self.fft;
         let of_axis = |((axis, values), weights): ((&mut Axis, &Vec<f64>), &Vec<f64>)| -> Option<Vec<f64>> {
             axis.input.fill(0.0);
             for ([from, to], weight) in grid.windows.iter().zip(weights) {
-                for k in *from..*to {
-                    let at = ((t[k] - t[0]) * grid.rate_hz).round() as usize;
-                    if let Some(cell) = axis.input.get_mut(at) {
-                        *cell = weight * values[k];
+                for (at, value) in grid.places[*from..*to].iter().zip(&values[*from..*to]) {
+                    if let Some(cell) = axis.input.get_mut(*at) {
+                        *cell = weight * value;
                     }
                 }
             }
@@ -412,21 +414,22 @@ fn weights(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
 /// Level of a spectrum of noise around every [`STRIDE`]th line, from medians: lines do not lift it.
 fn levels_of(lines: &[Complex<f64>]) -> Vec<f64> {
     let n = lines.len();
-    let within = |centre: usize, half: usize| {
+    let within = |part: &mut Vec<u64>, centre: usize, half: usize| {
         let around = &lines[centre.saturating_sub(half)..(centre + half).min(n)];
         // Numbers that are not negative have the order of their bits, which are quicker to sort.
-        let mut part: Vec<u64> = around.iter().map(|line| line.norm_sqr().to_bits()).collect();
+        part.clear();
+        part.extend(around.iter().map(|line| line.norm_sqr().to_bits()));
         let middle = part.len() / 2;
         let median = f64::from_bits(*part.select_nth_unstable(middle).1);
         // The median of exponential powers is ln 2 of their mean.
         (median / std::f64::consts::LN_2).max(f64::MIN_POSITIVE)
     };
     // Slow noise around the means of plateaus is largest at periods of about a plateau: where that is a few lines, the width must be less.
-    let level = |centre: usize| {
-        let wide = within(centre, LEVEL);
-        if centre < 2 * LEVEL { wide.max(within(centre, (centre / 2).max(LEAST_LEVEL))) } else { wide }
+    let level = |part: &mut Vec<u64>, centre: usize| {
+        let wide = within(part, centre, LEVEL);
+        if centre < 2 * LEVEL { wide.max(within(part, centre, (centre / 2).max(LEAST_LEVEL))) } else { wide }
     };
-    (0..n.div_ceil(STRIDE)).into_par_iter().map(|k| level(k * STRIDE)).collect()
+    (0..n.div_ceil(STRIDE)).into_par_iter().map_init(Vec::new, |part, k| level(part, k * STRIDE)).collect()
 }
 
 #[cfg(test)]
