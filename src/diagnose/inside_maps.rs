@@ -57,39 +57,75 @@ fn bins(cells: &[Cell], factor: f64) -> Vec<InsideBin> {
     cells.iter().filter(|c| c.0.iter().any(|s| s.count > 1.0)).map(|c| c.bin(factor)).collect()
 }
 
-/// The picture of something found in the samples, `earlier` taken off.
+/// The pictures of what was found in the samples after the first `known` of all signals, the earlier ones taken off each. The
+/// first of them has the number `step`.
 #[must_use]
 pub fn of(
     prepared: &PreparedRun,
     samples: &Samples,
     settings: &[[f64; 2]],
-    earlier: &[Inside],
-    found: &Inside,
+    all: &[Inside],
+    known: usize,
     step: usize,
-) -> Option<InsideMap> {
-    let kind = found.effect.in_samples()?;
-    let (is_transient, is_displaced) = (matches!(kind, InSamples::Transient(_)), matches!(kind, InSamples::Edges));
-    let windows: Vec<[usize; 2]> = if is_transient {
-        windows_of(samples, settings, found.beside_s).into_iter().filter(|w| w[1] > w[0]).collect()
-    } else if is_displaced {
-        vec![[0, samples.t_s.len()]]
-    } else {
-        prepared.windows.clone()
+) -> Vec<InsideMap> {
+    let mut left: Option<Left> = None;
+    let map = |(index, found): (usize, &Inside)| -> Option<InsideMap> {
+        let windows = windows(prepared, samples, settings, found)?;
+        // From signal to signal on the same windows there is one more to take off.
+        let mut now = left.take().filter(|left| left.windows == windows).unwrap_or_else(|| Left::new(samples, windows));
+        now.take_off(prepared, samples, &all[..known + index]);
+        let map = of_one(prepared, samples, &now, found, step + index);
+        left = Some(now);
+        map
     };
-    let mut before: [Vec<f64>; 3] = std::array::from_fn(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
-    for signal in earlier {
-        remove_raw(&mut before, &prepared.record, samples, &windows, signal);
+    all[known..].iter().enumerate().filter_map(map).collect()
+}
+
+/// The windows of the samples that the picture of something shows.
+fn windows(prepared: &PreparedRun, samples: &Samples, settings: &[[f64; 2]], found: &Inside) -> Option<Vec<[usize; 2]>> {
+    Some(match found.effect.in_samples()? {
+        InSamples::Transient(_) => windows_of(samples, settings, found.beside_s).into_iter().filter(|w| w[1] > w[0]).collect(),
+        InSamples::Edges => vec![[0, samples.t_s.len()]],
+        _ => prepared.windows.clone(),
+    })
+}
+
+/// Readings of some windows without the first signals.
+struct Left {
+    windows: Vec<[usize; 2]>,
+    values: [Vec<f64>; 3],
+    /// How many signals were taken off.
+    count: usize,
+}
+
+impl Left {
+    fn new(samples: &Samples, windows: Vec<[usize; 2]>) -> Self {
+        Self { windows, values: std::array::from_fn(|a| samples.reading_ent.iter().map(|r| r[a]).collect()), count: 0 }
     }
-    let mut after = before.clone();
-    if is_displaced {
-        remove_raw(&mut after, &prepared.record, samples, &windows, found);
+
+    /// Takes off those of some signals that were not yet.
+    fn take_off(&mut self, prepared: &PreparedRun, samples: &Samples, signals: &[Inside]) {
+        for signal in &signals[self.count..] {
+            remove_raw(&mut self.values, &prepared.record, samples, &self.windows, signal);
+        }
+        self.count = signals.len();
+    }
+}
+
+/// The picture of something found in the samples.
+fn of_one(prepared: &PreparedRun, samples: &Samples, left: &Left, found: &Inside, step: usize) -> Option<InsideMap> {
+    let windows = &left.windows;
+    let mut before = left.values.clone();
+    if matches!(found.effect.in_samples()?, InSamples::Edges) {
+        let mut after = before.clone();
+        remove_raw(&mut after, &prepared.record, samples, windows, found);
         return edges(prepared, samples, &before, &after, found, step);
     }
-    demean(&mut before, &windows);
-    demean(&mut after, &windows);
-    remove(&mut after, &prepared.record, samples, &windows, found);
-    if is_transient {
-        return transients(prepared, samples, &windows, [&before, &after], step);
+    demean(&mut before, windows);
+    let mut after = before.clone();
+    remove(&mut after, &prepared.record, samples, windows, found);
+    if matches!(found.effect.in_samples()?, InSamples::Transient(_)) {
+        return transients(prepared, samples, windows, [&before, &after], step);
     }
     let period_s = found.effect.period_s(&found.spec).filter(|p| *p > 0.0)?;
     let mut cells = vec![Cell::default(); FOLDS];

@@ -70,6 +70,8 @@ pub struct Options {
     pub given: Vec<Given>,
     /// The effects that are looked for.
     pub catalogue: Catalogue,
+    /// Whether the pictures go without what happens inside the plateaus: nothing else rests on it, and it takes all samples.
+    pub without_insides: bool,
 }
 
 /// Diagnoses one run with fields in steps, a sweep, sines, or a run in zero field.

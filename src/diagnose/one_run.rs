@@ -110,10 +110,10 @@ pub(super) fn run(
     let outcome = problem::search(&mut means).ok_or(DiagnoseError::NoNoise)?;
     notes.extend(outcome.note());
 
-    for (index, found) in inside.found().iter().enumerate() {
-        let earlier = &inside.all[..inside.known + index];
-        let picture = samples.and_then(|s| inside_maps::of(&prepared, s, &settings, earlier, found, steps.len()));
-        pictures.inside.extend(picture);
+    if let Some(samples) = samples.filter(|_| !options.without_insides) {
+        pictures.inside = inside_maps::of(&prepared, samples, &settings, &inside.all, inside.known, steps.len());
+    }
+    for found in inside.found() {
         steps.push(inside_step(found, &prepared, inside.all.iter().any(|f| f.effect.is(&TimeShift))));
     }
     // A displacement of less than a sample or so is no effect of its own, but what the means are made of. One that was found is a step.

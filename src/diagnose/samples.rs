@@ -136,6 +136,24 @@ pub(super) fn demean(residual: &mut [Vec<f64>; 3], windows: &[[usize; 2]]) {
     });
 }
 
+/// Parts of the samples of all axes, which lie one after the other, for threads that change them beside each other. What two
+/// parts share belongs to the later one.
+fn parts_mut<'a>(axes: &'a mut [Vec<f64>; 3], parts: impl DoubleEndedIterator<Item = [usize; 2]>) -> Vec<[&'a mut [f64]; 3]> {
+    let mut left = axes.each_mut().map(Vec::as_mut_slice);
+    let last = |[from, to]: [usize; 2]| {
+        left.each_mut().map(|left| {
+            let all = std::mem::take(left);
+            let (before, own) = all.split_at_mut(from.min(all.len()));
+            *left = before;
+            let count = to.saturating_sub(from).min(own.len());
+            &mut own[..count]
+        })
+    };
+    let mut all: Vec<[&mut [f64]; 3]> = parts.rev().map(last).collect();
+    all.reverse();
+    all
+}
+
 /// Takes a signal off the samples of the windows.
 pub(super) fn remove_raw(
     residual: &mut [Vec<f64>; 3],
@@ -166,23 +184,16 @@ pub(super) fn remove_raw(
         .iter()
         .flat_map(|[from, to]| (*from..*to).step_by(AT_ONCE).map(|begin| [begin, (begin + AT_ONCE).min(*to)]))
         .collect();
-    let contributions: Vec<Option<Vec<[f64; 3]>>> = parts
-        .par_iter()
-        .map(|[from, to]| {
-            let record = Record { rows: (*from..*to).map(row).collect(), ..bare.clone() };
-            let columns = signal.effect.columns(&record, &signal.spec)?;
-            let of_row = |row: usize| {
-                let sum = |a: usize| columns.iter().zip(&signal.values).map(|(c, (value, _))| value * c.values[row][a]).sum();
-                [0, 1, 2].map(sum)
-            };
-            Some((0..to - from).map(of_row).collect())
-        })
-        .collect();
-    for ([from, _], own) in parts.iter().zip(&contributions) {
-        for (k, contribution) in own.iter().flatten().enumerate() {
-            residual.iter_mut().zip(contribution).for_each(|(values, part)| values[from + k] -= part);
+    let own = parts_mut(residual, parts.iter().copied());
+    parts.par_iter().zip(own).for_each(|([from, to], axes)| {
+        let record = Record { rows: (*from..*to).map(row).collect(), ..bare.clone() };
+        let Some(columns) = signal.effect.columns(&record, &signal.spec) else { return };
+        for (a, values) in axes.into_iter().enumerate() {
+            for (row, value) in values.iter_mut().enumerate() {
+                *value -= columns.iter().zip(&signal.values).map(|(c, (size, _))| size * c.values[row][a]).sum::<f64>();
+            }
         }
-    }
+    });
 }
 
 pub(super) fn remove(residual: &mut [Vec<f64>; 3], record: &Record, samples: &Samples, windows: &[[usize; 2]], signal: &Inside) {
@@ -190,13 +201,13 @@ pub(super) fn remove(residual: &mut [Vec<f64>; 3], record: &Record, samples: &Sa
     demean(residual, windows);
 }
 
+/// Sum of the squares of each window.
+fn squares(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
+    windows.par_iter().map(|[from, to]| values[*from..*to].iter().map(|v| v * v).sum()).collect()
+}
+
 fn rms(residual: &[Vec<f64>; 3], windows: &[[usize; 2]]) -> [f64; 3] {
-    [0, 1, 2].map(|a: usize| {
-        let (mut sum, mut count) = (0.0, 0.0);
-        for [from, to] in windows {
-            sum += residual[a][*from..*to].iter().map(|v| v * v).sum::<f64>();
-            count += (to - from) as f64;
-        }
-        (sum / f64::max(count, 1.0)).sqrt()
-    })
+    let count: f64 = windows.iter().map(|[from, to]| (to - from) as f64).sum();
+    let sum = |values: &Vec<f64>| squares(values, windows).into_iter().fold(0.0, |sum, own| sum + own);
+    residual.each_ref().map(|values| (sum(values) / f64::max(count, 1.0)).sqrt())
 }

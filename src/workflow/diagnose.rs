@@ -63,14 +63,15 @@ impl Diagnosed {
 }
 
 impl DiagnosedWith {
-    /// The options of the diagnosis.
+    /// The options of the diagnosis, with what only figures show or without it.
     #[must_use]
-    pub fn options(&self) -> Options {
+    pub fn options(&self, plots: bool) -> Options {
         Options {
             facility: self.facility.clone(),
             temperature: self.temperature.clone(),
             given: self.model.as_ref().map(Known::given).unwrap_or_default(),
             catalogue: Catalogue::default(),
+            without_insides: !plots,
         }
     }
 
@@ -99,7 +100,7 @@ pub fn diagnose_run(job: &Job, desk: &Desk, with: &DiagnosedWith, two_threads: b
     let (run, (accumulator, samples)) = read(job, desk, two_threads, (Accumulator::default(), Samples::default()))?;
     is_model_of(with.model.as_ref(), &run, job)?;
     let plateaus = plateau::of_run(&run, accumulator, Cut::default());
-    let mut diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, &with.options())
+    let mut diagnosis = diagnose::run(&run, &plateaus, Some(&samples), job.campaign, &with.options(desk.plots))
         .map_err(|reason| Failure::Refused(refusal(&job.recorded, &reason)))?;
     diagnosis.notes.extend(conditions::excluded(&run));
     diagnosis.notes.extend(with.model.as_ref().and_then(Known::untold));

@@ -74,8 +74,9 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
     // However long the parts are whose means are taken off, slow noise has the lowest frequencies for itself.
     let grid = if has_fields { grid } else { grid.over_rows(&prepared.windows) };
     let slopes = Slopes::new(samples, windows);
-    let mut spectrum = Spectrum::new(&grid);
-    let mut residual = around_means(prepared, samples, windows, known);
+    // The plan of the transform takes one thread some time.
+    let (mut spectrum, mut residual) = rayon::join(|| Spectrum::new(&grid), || around_means(prepared, samples, windows, known));
+    let mut quiet = Default::default();
     let mut is_level = [false; 3];
     let level = |residual: &mut [Vec<f64>; 3], is_level: &mut [bool; 3]| {
         residual.par_iter_mut().zip(is_level.par_iter_mut()).for_each(|(values, is_level)| {
@@ -85,12 +86,11 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
     level(&mut residual, &mut is_level);
     for _ in 0..MOST_SIGNALS {
         let taken = Taken { slopes: slopes.as_ref(), is_level };
-        let Some(Found { signal, line_hz, left }) =
-            strongest(&prepared.record, &signals, &grid, &taken, &mut spectrum, &residual)
+        let Some(Found { signal, line_hz }) =
+            strongest(&prepared.record, &signals, &grid, &taken, &mut spectrum, &mut residual, &mut quiet)
         else {
             break;
         };
-        residual = left;
         // A signal that comes again with the settings had lost a slope that was its own.
         level(&mut residual, &mut is_level);
         if !known.iter().chain(&found).any(|k| belongs(line_hz, k, &grid)) {
@@ -120,11 +120,10 @@ impl Signals {
     }
 }
 
-/// A periodic signal, the line that showed it, and what it leaves.
+/// A periodic signal and the line that showed it.
 struct Found {
     signal: Inside,
     line_hz: f64,
-    left: [Vec<f64>; 3],
 }
 
 /// Whether a line lies on a harmonic of a known signal, where the samples show it.
@@ -135,7 +134,7 @@ fn belongs(line_hz: f64, known: &Inside, grid: &Grid) -> bool {
 
 /// Readings of the used samples around the means of their plateaus, without what is known already.
 fn around_means(prepared: &PreparedRun, samples: &Samples, windows: &[[usize; 2]], known: &[Inside]) -> [Vec<f64>; 3] {
-    let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.iter().map(|r| r[a]).collect());
+    let mut residual: [Vec<f64>; 3] = [0, 1, 2].map(|a| samples.reading_ent.par_iter().map(|r| r[a]).collect());
     for signal in known {
         remove_raw(&mut residual, &prepared.record, samples, windows, signal);
     }
@@ -176,22 +175,26 @@ fn beside_edges(prepared: &PreparedRun, samples: &Samples, known: &[Inside], rat
 fn clip(values: &mut [f64], windows: &[[usize; 2]]) {
     let around = |values: &[f64], from: usize, to: usize, k: usize| {
         let begin = k.saturating_sub(BESIDE).max(from).min(to.saturating_sub(2 * BESIDE + 1).max(from));
-        median(&mut values[begin..(begin + 2 * BESIDE + 1).min(to)].to_vec())
+        let near = &values[begin..(begin + 2 * BESIDE + 1).min(to)];
+        // Nearly all samples have as many neighbours, for which no memory is asked.
+        <[f64; 2 * BESIDE + 1]>::try_from(near).map_or_else(|_| median(&mut near.to_vec()), |mut near| median(&mut near))
     };
-    let inside = || windows.iter().flat_map(|[from, to]| (*from..*to).map(move |k| (*from, *to, k)));
-    let off: Vec<f64> = inside().map(|(from, to, k)| (values[k] - around(values, from, to, k)).abs()).collect();
-    let mut sizes = off.clone();
+    let of_window = |[from, to]: &[usize; 2]| -> Vec<f64> {
+        (*from..*to).map(|k| (values[k] - around(values, *from, *to, k)).abs()).collect()
+    };
+    let off: Vec<Vec<f64>> = windows.par_iter().map(of_window).collect();
+    let mut sizes = off.concat();
     let place = sizes.len() * 9 / 10;
     if place >= sizes.len() {
         return;
     }
     let most = SPIKE / NORMAL_90 * *sizes.select_nth_unstable_by(place, f64::total_cmp).1;
-    let spikes: Vec<(usize, f64)> = inside()
-        .zip(&off)
-        .filter(|(_, off)| **off > most && most > 0.0)
-        .map(|((from, to, k), _)| (k, around(values, from, to, k)))
-        .collect();
-    if spikes.len() as f64 <= FEW * off.len() as f64 {
+    let spikes_of = |([from, to], off): (&[usize; 2], &Vec<f64>)| -> Vec<(usize, f64)> {
+        let is_spike = |(_, off): &(usize, &f64)| **off > most && most > 0.0;
+        (*from..*to).zip(off).filter(is_spike).map(|(k, _)| (k, around(values, *from, *to, k))).collect()
+    };
+    let spikes: Vec<(usize, f64)> = windows.iter().zip(&off).flat_map(spikes_of).collect();
+    if spikes.len() as f64 <= FEW * sizes.len() as f64 {
         spikes.into_iter().for_each(|(k, value)| values[k] = value);
     }
 }
@@ -347,29 +350,39 @@ fn shown(signals: &Signals, grid: &Grid, spectrum: &mut Spectrum, residual: &[Ve
     Some((Shown { line_hz, p_value, is_tone, comb }, noise))
 }
 
-/// Weights and levels of the noise beside a line: a signal is no noise, and it is measured with what is left without it.
-fn noise_beside(line_hz: f64, noise: &Noise, grid: &Grid, spectrum: &mut Spectrum, residual: &[Vec<f64>; 3]) -> Option<Noise> {
+/// Weights and levels of the noise beside a line: a signal is no noise, and it is measured with what is left without it, which
+/// is put into `quiet`.
+fn noise_beside(
+    line_hz: f64,
+    noise: &Noise,
+    grid: &Grid,
+    spectrum: &mut Spectrum,
+    residual: &[Vec<f64>; 3],
+    quiet: &mut [Vec<f64>; 3],
+) -> Option<Noise> {
     let with_signal = Waves { grid, noise, residual };
-    let mut quiet = residual.clone();
     let waves = with_signal.harmonics(line_hz, HARMONICS)?;
-    with_signal.take_off(&mut quiet, &waves);
-    demean(&mut quiet, grid.windows);
-    spectrum.take(grid, &quiet)
+    quiet.par_iter_mut().zip(residual).for_each(|(quiet, values)| quiet.clone_from(values));
+    with_signal.take_off(quiet, &waves);
+    demean(quiet, grid.windows);
+    spectrum.take(grid, quiet)
 }
 
-/// The strongest line of the spectra of all components together, as a tone or as a switched signal.
+/// The strongest line of the spectra of all components together, as a tone or as a switched signal, which is taken off the
+/// residuals. The memory of `quiet` is used again from signal to signal.
 fn strongest(
     record: &Record,
     signals: &Signals,
     grid: &Grid,
     taken: &Taken,
     spectrum: &mut Spectrum,
-    residual: &[Vec<f64>; 3],
+    residual: &mut [Vec<f64>; 3],
+    quiet: &mut [Vec<f64>; 3],
 ) -> Option<Found> {
     let (shown, noise) = shown(signals, grid, spectrum, residual)?;
     let waves = Waves { grid, noise: &noise, residual };
     let line_hz = waves.unrepeated(waves.refine(shown.line_hz));
-    let noise = noise_beside(line_hz, &noise, grid, spectrum, residual)?;
+    let noise = noise_beside(line_hz, &noise, grid, spectrum, residual, quiet)?;
     let waves = &Waves { grid, noise: &noise, residual };
     let line_hz = waves.refine(line_hz);
     let sines = waves.harmonics(line_hz, 1)?;
@@ -389,11 +402,13 @@ fn strongest(
         Some((other, _, found)) if tone_evidence - found.evidence < APART => Inside { ambiguous_with: vec![other], ..tone },
         _ => tone,
     };
-    let mut left = residual.clone();
-    remove(&mut left, record, grid.samples, grid.windows, &signal);
-    signal.squares = [waves.squares(residual), waves.squares(&left), 3.0 * grid.used as f64];
-    signal.rms_ent = [rms(residual, grid.windows), rms(&left, grid.windows)];
-    Some(Found { signal, line_hz, left })
+    let measured = |residual: &[Vec<f64>; 3]| (noise.squares(grid, residual), rms(residual, grid.windows));
+    let before = measured(residual);
+    remove(residual, record, grid.samples, grid.windows, &signal);
+    let after = measured(residual);
+    signal.squares = [before.0, after.0, 3.0 * grid.used as f64];
+    signal.rms_ent = [before.1, after.1];
+    Some(Found { signal, line_hz })
 }
 
 /// Axes on which values stand out of their uncertainties; all where none does.
@@ -438,12 +453,14 @@ fn switched(
         all.enumerate().filter(move |(k, (_, hz))| *k < most || slow_hz.contains(hz)).map(|(_, part)| part)
     };
     let of_comb = |c: &spectrum::Comb| parts(c.base * waves.grid.step_hz(), c.strongest, 1);
-    parts(line_hz, 1, MOST_ORDER)
-        .chain(comb.into_iter().flat_map(of_comb))
-        .flat_map(|(order, base_hz)| {
-            signals.combs.iter().filter_map(move |(effect, form)| Some((*effect, *form, waves.switched(form, base_hz, order)?)))
-        })
-        .max_by(|a, b| a.2.evidence.total_cmp(&b.2.evidence))
+    let all: Vec<(f64, f64)> = parts(line_hz, 1, MOST_ORDER).chain(comb.into_iter().flat_map(of_comb)).collect();
+    let of_part = |(order, base_hz): &(f64, f64)| -> Vec<(EffectRef, Comb, Switched)> {
+        let of = |(effect, form): &(EffectRef, Comb)| Some((*effect, *form, waves.switched(form, *base_hz, *order)?));
+        signals.combs.iter().filter_map(of).collect()
+    };
+    // In the order of the parts, whatever the threads.
+    let fitted: Vec<Vec<(EffectRef, Comb, Switched)>> = all.par_iter().map(of_part).collect();
+    fitted.into_iter().flatten().max_by(|a, b| a.2.evidence.total_cmp(&b.2.evidence))
 }
 
 /// A switched signal with its best period, duty and delay; `None` where the fit does not confirm what lines showed that are no tone by

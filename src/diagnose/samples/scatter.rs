@@ -17,8 +17,15 @@ const LEAST_PART: f64 = 0.05;
 
 /// What the covariance of bins may be.
 pub(super) struct Expected {
-    /// Inverses of the covariances of models, each with the logarithm of the determinant of the covariance, of mean variance one.
-    models: Vec<(DMatrix<f64>, f64)>,
+    models: Vec<Model>,
+}
+
+/// A covariance of mean variance one.
+struct Model {
+    covariance: DMatrix<f64>,
+    inverse: DMatrix<f64>,
+    /// Logarithm of the determinant of the covariance.
+    log: f64,
 }
 
 /// The covariance of bins that was found.
@@ -56,7 +63,9 @@ impl Expected {
         let models = SLOW.into_iter().flat_map(of_size).filter_map(|(size, slow)| {
             let covariance = (one(&white) + one(slow) * size) / (1.0 + size);
             let cholesky = covariance.cholesky()?;
-            Some((cholesky.inverse(), 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>()))
+            let inverse = cholesky.inverse();
+            let log = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
+            Some(Model { covariance: inverse.clone().cholesky()?.inverse(), inverse, log })
         });
         Self { models: models.collect() }
     }
@@ -69,17 +78,21 @@ impl Expected {
         let squares = &all * all.transpose();
         let gamma = |freedom: f64| (0..bins).map(|j| ln_gamma(0.5 * (freedom - j as f64))).sum::<f64>();
         let determinant = |m: DMatrix<f64>| Some(2.0 * m.cholesky()?.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>());
+        // Of each firmness what all models have in common.
+        let common = FIRMNESS.map(|firmness| {
+            let freedom = size + 1.0 + firmness;
+            gamma(freedom + count) - gamma(freedom)
+        });
         let mut best: Option<(f64, f64, DMatrix<f64>)> = None;
-        for (inverse, log) in &self.models {
+        for Model { covariance, inverse, log } in &self.models {
             let variance = inverse.component_mul(&squares).sum() / (count * size);
-            let covariance = inverse.clone().cholesky()?.inverse() * variance;
-            for firmness in FIRMNESS {
+            let covariance = covariance * variance;
+            for (firmness, common) in FIRMNESS.into_iter().zip(common) {
                 let freedom = size + 1.0 + firmness;
                 let expected = &covariance * firmness;
                 let log_expected = log + size * (variance * firmness).ln();
                 let sum = &expected + &squares;
-                let likelihood = gamma(freedom + count) - gamma(freedom) + 0.5 * freedom * log_expected
-                    - 0.5 * (freedom + count) * determinant(sum.clone())?;
+                let likelihood = common + 0.5 * freedom * log_expected - 0.5 * (freedom + count) * determinant(sum.clone())?;
                 if best.as_ref().is_none_or(|b| likelihood > b.0) {
                     best = Some((likelihood, firmness, sum));
                 }

@@ -234,9 +234,10 @@ impl<'a> Stack<'a> {
     }
 
     /// The best of time constants, beginning with one that is known: the first of those of equal chi square.
-    fn best(&self, known: Option<Transient>, taus_s: impl IntoIterator<Item = f64>) -> Option<Transient> {
-        let all = taus_s.into_iter().flat_map(|tau_s| self.transients(tau_s));
-        all.fold(known, |best, next| match best {
+    fn best(&self, known: Option<Transient>, taus_s: &[f64]) -> Option<Transient> {
+        // In the order of the time constants, whatever the threads.
+        let all: Vec<Vec<Transient>> = taus_s.par_iter().map(|tau_s| self.transients(*tau_s)).collect();
+        all.into_iter().flatten().fold(known, |best, next| match best {
             Some(best) if next.chi_square.partial_cmp(&best.chi_square) != Some(std::cmp::Ordering::Greater) => Some(best),
             _ => Some(next),
         })
@@ -246,7 +247,7 @@ impl<'a> Stack<'a> {
     fn refined(&self, transient: Transient) -> Option<Transient> {
         FINER.into_iter().try_fold(transient, |best, step| {
             let tau_s = best.tau_s;
-            self.best(Some(best), [1.0 - step, 1.0 + step].map(|factor| tau_s * factor))
+            self.best(Some(best), &[1.0 - step, 1.0 + step].map(|factor| tau_s * factor))
         })
     }
 
@@ -254,7 +255,7 @@ impl<'a> Stack<'a> {
     fn shown(&self, taus_s: &[f64]) -> Option<Shown> {
         // A time constant is tried on all axes together and on each of them.
         let trials = 4 * taus_s.len();
-        let coarse = self.best(None, taus_s.iter().copied())?;
+        let coarse = self.best(None, taus_s)?;
         // The scatter is estimated from few plateaus, so that chi square has the tails of the t distribution: Bartlett's formula, inverted,
         // gives the value of normal noise that is as improbable.
         let freedom = coarse.freedom;
@@ -302,10 +303,10 @@ impl<'a> Stack<'a> {
     /// Standard uncertainty of the amplitude from the likelihoods of time constants far to either side: the amplitude goes with a time constant as an
     /// exponential does, and not in proportion.
     fn spread(&self, transient: &Transient) -> f64 {
+        let beside = |step: i32| self.of_axes(transient.tau_s * (BESIDE_STEP * f64::from(step)).exp(), &transient.axes);
+        let others: Vec<Option<Transient>> = (-BESIDE..=BESIDE).into_par_iter().map(beside).collect();
         let mut sums = [0.0; 2];
-        for step in -BESIDE..=BESIDE {
-            let tau_s = transient.tau_s * (BESIDE_STEP * f64::from(step)).exp();
-            let Some(other) = self.of_axes(tau_s, &transient.axes) else { continue };
+        for other in others.into_iter().flatten() {
             let weight = (0.5 * (other.chi_square - transient.chi_square)).min(0.0).exp();
             sums[0] += weight;
             sums[1] += weight * (other.std.powi(2) + (other.amplitude - transient.amplitude).powi(2));

@@ -70,13 +70,9 @@ impl Effect for InterferenceTone {
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
         let frequency_hz = spec.get(FREQUENCY)?;
+        let waves: Vec<(f64, f64)> = record.rows.iter().map(|r| wave(frequency_hz, r.used_s)).collect();
         let columns = spec.axes.iter().flat_map(|&a| {
-            [("s", false), ("c", true)].map(|(name, even)| {
-                Column::on(name, a, "enT", record, |_, r| {
-                    let (sin, cos) = wave(frequency_hz, r.used_s);
-                    if even { cos } else { sin }
-                })
-            })
+            [Column::on("s", a, "enT", record, |i, _| waves[i].0), Column::on("c", a, "enT", record, |i, _| waves[i].1)]
         });
         Some(columns.collect())
     }

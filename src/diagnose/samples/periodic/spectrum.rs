@@ -1,6 +1,7 @@
 //! Spectra of what the means of the plateaus leave: lines, and combs of lines, that noise makes seldom.
 
 use super::{HARMONICS, SLOW};
+use crate::diagnose::samples::squares;
 use crate::fit::statistics::{log_chi2_tail, median, two_sided_tail};
 use crate::model::effects::in_samples::Harmonic;
 use crate::record::prepared::Samples;
@@ -63,6 +64,8 @@ pub struct Grid<'a> {
     lowest_hz: f64,
     /// Samples of the transform.
     size: usize,
+    /// Where each sample lies on the grid.
+    places: Vec<usize>,
 }
 
 /// Noise of readings around the means of their plateaus.
@@ -77,6 +80,8 @@ pub struct Noise {
 pub struct Spectrum {
     fft: Arc<dyn RealToComplex<f64>>,
     axes: [Axis; 3],
+    /// Powers of the lines over the noise, of the three axes, and their sum.
+    powers: Vec<[f64; 4]>,
     /// Cycles per line from the begin of the record to its middle, which phases refer to.
     middle_lines: f64,
     /// First line that is looked at.
@@ -94,8 +99,6 @@ struct Axis {
 pub struct Lines<'a> {
     spectrum: &'a Spectrum,
     noise: &'a Noise,
-    /// Of the three axes, and their sum.
-    powers: Vec<[f64; 4]>,
     /// Sums of powers of so many harmonics as [`ADDED`] says, beyond which it is worth to look.
     far: [[f64; 4]; 4],
 }
@@ -116,6 +119,7 @@ impl<'a> Grid<'a> {
         let length = ((samples.t_s.last()? - samples.t_s.first()?) * rate_hz).round() as usize + 1;
         let used = windows.iter().map(|w| w[1].saturating_sub(w[0])).sum();
         let longest = ((length as f64 / STRETCHES) as usize).max(2);
+        let place = |t_s: &f64| ((t_s - samples.t_s[0]) * rate_hz).round() as usize;
         (used >= FEWEST).then(|| Self {
             samples,
             windows,
@@ -125,6 +129,7 @@ impl<'a> Grid<'a> {
             stretches: stretches(&samples.t_s, windows, longest, GAP / rate_hz),
             lowest_hz: 1.0 / (SLOWEST * longest_s(samples, windows, rate_hz)),
             size: (2 * length).next_power_of_two(),
+            places: samples.t_s.par_iter().map(place).collect(),
         })
     }
 
@@ -213,6 +218,16 @@ impl Noise {
     pub fn usual_level(&self, axis: usize) -> f64 {
         median(&mut self.levels[axis].clone())
     }
+
+    /// Weighted squares of residuals over the variance of a sample, which is the median level of the spectrum.
+    pub fn squares(&self, grid: &Grid, residual: &[Vec<f64>; 3]) -> f64 {
+        let of_axis = |a: usize| {
+            let variance = self.usual_level(a) / grid.used as f64;
+            let own = squares(&residual[a], grid.windows);
+            own.iter().zip(&self.weights[a]).map(|(square, weight)| weight * square).sum::<f64>() / variance
+        };
+        (0..3).map(of_axis).sum()
+    }
 }
 
 impl Spectrum {
@@ -222,21 +237,20 @@ impl Spectrum {
         let axis = || Axis { input: fft.make_input_vec(), lines: fft.make_output_vec(), scratch: fft.make_scratch_vec() };
         let axes = [axis(), axis(), axis()];
         let first = (grid.lowest_hz() / grid.step_hz()).ceil() as usize;
-        Self { fft, axes, middle_lines: grid.length as f64 / grid.size as f64 / 2.0, first: first.max(2) }
+        let middle_lines = grid.length as f64 / grid.size as f64 / 2.0;
+        Self { fft, axes, powers: Vec::new(), middle_lines, first: first.max(2) }
     }
 
     /// Makes them those of readings, and determines the noise of these.
     pub fn take(&mut self, grid: &Grid, readings: &[Vec<f64>; 3]) -> Option<Noise> {
-        let t = &grid.samples.t_s;
         let weights = [0, 1, 2].map(|a: usize| weights(&readings[a], grid.windows));
         let fft = &self.fft;
         let of_axis = |((axis, values), weights): ((&mut Axis, &Vec<f64>), &Vec<f64>)| -> Option<Vec<f64>> {
             axis.input.fill(0.0);
             for ([from, to], weight) in grid.windows.iter().zip(weights) {
-                for k in *from..*to {
-                    let at = ((t[k] - t[0]) * grid.rate_hz).round() as usize;
-                    if let Some(cell) = axis.input.get_mut(at) {
-                        *cell = weight * values[k];
+                for (at, value) in grid.places[*from..*to].iter().zip(&values[*from..*to]) {
+                    if let Some(cell) = axis.input.get_mut(*at) {
+                        *cell = weight * value;
                     }
                 }
             }
@@ -253,20 +267,22 @@ impl Spectrum {
     }
 
     /// The lines over the noise.
-    pub fn lines<'a>(&'a self, noise: &'a Noise) -> Lines<'a> {
+    pub fn lines<'a>(&'a mut self, noise: &'a Noise) -> Lines<'a> {
+        let axes = &self.axes;
         let power = |line: usize| {
-            let [x, y, z] = [0, 1, 2].map(|a: usize| self.axes[a].lines[line].norm_sqr() / noise.level(a, line));
+            let [x, y, z] = [0, 1, 2].map(|a: usize| axes[a].lines[line].norm_sqr() / noise.level(a, line));
             [x, y, z, x + y + z]
         };
+        (0..axes[0].lines.len()).into_par_iter().map(power).collect_into_vec(&mut self.powers);
         let far = ADDED.map(|harmonics| [0, 1, 2, 3].map(|k| (parts_of(k) * harmonics) as f64).map(|n| n + FAR * n.sqrt()));
-        Lines { spectrum: self, noise, powers: (0..=self.end()).into_par_iter().map(power).collect(), far }
+        Lines { spectrum: self, noise, far }
     }
 }
 
 impl Lines<'_> {
     /// Logarithm of the probability that noise makes a line, on an axis or on all together.
     fn log_p(&self, line: usize) -> f64 {
-        let [x, y, z, all] = self.powers[line];
+        let [x, y, z, all] = self.spectrum.powers[line];
         log_gamma_tail(parts_of(3), all).min(-x.max(y).max(z))
     }
 
@@ -324,7 +340,7 @@ impl Lines<'_> {
                 if line >= self.spectrum.end() {
                     return best;
                 }
-                sums.iter_mut().zip(self.powers[line]).for_each(|(sum, power)| *sum += power);
+                sums.iter_mut().zip(self.spectrum.powers[line]).for_each(|(sum, power)| *sum += power);
             }
             for k in (0..4).filter(|k| sums[*k] > far[*k]) {
                 best = best.min(log_gamma_tail(parts_of(k) * upto, sums[k]));
@@ -387,8 +403,7 @@ fn log_gamma_tail(count: usize, x: f64) -> f64 {
 /// What the samples of each plateau count for: noise may grow with the field or with temperature. Their mean over the samples is 1.
 fn weights(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
     let counts: Vec<f64> = windows.iter().map(|[from, to]| to.saturating_sub(*from) as f64).collect();
-    let squares = windows.iter().map(|[from, to]| values[*from..*to].iter().map(|v| v * v).sum::<f64>());
-    let mut variances: Vec<f64> = squares.zip(&counts).map(|(sum, n)| sum / n.max(1.0)).collect();
+    let mut variances: Vec<f64> = squares(values, windows).iter().zip(&counts).map(|(sum, n)| sum / n.max(1.0)).collect();
     // Readings that do not move say nothing about noise.
     let least = LEAST_VARIANCE * median(&mut variances.clone());
     variances.iter_mut().for_each(|v| *v = v.max(least).max(f64::MIN_POSITIVE));
@@ -399,21 +414,22 @@ fn weights(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
 /// Level of a spectrum of noise around every [`STRIDE`]th line, from medians: lines do not lift it.
 fn levels_of(lines: &[Complex<f64>]) -> Vec<f64> {
     let n = lines.len();
-    let within = |centre: usize, half: usize| {
+    let within = |part: &mut Vec<u64>, centre: usize, half: usize| {
         let around = &lines[centre.saturating_sub(half)..(centre + half).min(n)];
         // Numbers that are not negative have the order of their bits, which are quicker to sort.
-        let mut part: Vec<u64> = around.iter().map(|line| line.norm_sqr().to_bits()).collect();
+        part.clear();
+        part.extend(around.iter().map(|line| line.norm_sqr().to_bits()));
         let middle = part.len() / 2;
         let median = f64::from_bits(*part.select_nth_unstable(middle).1);
         // The median of exponential powers is ln 2 of their mean.
         (median / std::f64::consts::LN_2).max(f64::MIN_POSITIVE)
     };
     // Slow noise around the means of plateaus is largest at periods of about a plateau: where that is a few lines, the width must be less.
-    let level = |centre: usize| {
-        let wide = within(centre, LEVEL);
-        if centre < 2 * LEVEL { wide.max(within(centre, (centre / 2).max(LEAST_LEVEL))) } else { wide }
+    let level = |part: &mut Vec<u64>, centre: usize| {
+        let wide = within(part, centre, LEVEL);
+        if centre < 2 * LEVEL { wide.max(within(part, centre, (centre / 2).max(LEAST_LEVEL))) } else { wide }
     };
-    (0..n.div_ceil(STRIDE)).into_par_iter().map(|k| level(k * STRIDE)).collect()
+    (0..n.div_ceil(STRIDE)).into_par_iter().map_init(Vec::new, |part, k| level(part, k * STRIDE)).collect()
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::spectrum::{Grid, Noise, Stretch};
 use crate::diagnose::explanations::log_sum;
+use crate::diagnose::samples::parts_mut;
 use rayon::prelude::*;
 use realfft::num_complex::Complex;
 use std::f64::consts::{PI, TAU};
@@ -178,26 +179,18 @@ impl Waves<'_> {
 
     /// Takes waves off the used samples.
     pub fn take_off(&self, values: &mut [Vec<f64>; 3], waves: &[Wave]) {
-        values.par_iter_mut().enumerate().for_each(|(a, values)| {
-            for stretch in &self.grid.stretches {
-                for wave in waves {
-                    let own = unit_wave(wave.hz, stretch, &self.grid.samples.t_s);
-                    let values = &mut values[stretch.from..stretch.to];
-                    values.iter_mut().zip(own).for_each(|(value, z)| *value -= wave.sin[a] * z.im + wave.cos[a] * z.re);
+        let stretches = &self.grid.stretches;
+        let parts = parts_mut(values, stretches.iter().map(|stretch| [stretch.from, stretch.to]));
+        stretches.par_iter().zip(parts).for_each(|(stretch, [x, y, w])| {
+            for wave in waves {
+                let own = unit_wave(wave.hz, stretch, &self.grid.samples.t_s);
+                for (((x, y), w), z) in x.iter_mut().zip(y.iter_mut()).zip(w.iter_mut()).zip(own) {
+                    for (a, value) in [x, y, w].into_iter().enumerate() {
+                        *value -= wave.sin[a] * z.im + wave.cos[a] * z.re;
+                    }
                 }
             }
         });
-    }
-
-    /// Weighted squares of residuals over the variance of a sample, which is the median level of the spectrum.
-    pub fn squares(&self, residual: &[Vec<f64>; 3]) -> f64 {
-        let of_axis = |a: usize| {
-            let variance = self.noise.usual_level(a) / self.grid.used as f64;
-            let of = |[from, to]: &[usize; 2]| residual[a][*from..*to].iter().map(|v| v * v).sum::<f64>();
-            self.grid.windows.iter().zip(&self.noise.weights[a]).map(|(window, weight)| weight * of(window)).sum::<f64>()
-                / variance
-        };
-        (0..3).map(of_axis).sum()
     }
 
     /// Chi square of a wave.
