@@ -149,6 +149,24 @@ fn a_day_without_telemetry_between_others_is_named() {
     assert_eq!(told.matches("has no vectors").count(), 2, "{told}");
 }
 
+/// Nothing is made without a word: days without vectors, a folder without days, options that change nothing.
+#[test]
+fn what_gives_nothing_is_refused() {
+    let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n"));
+    let out = small.folder.path().join("out");
+    for (levels, options, words) in [
+        ("A", ["--from", "2016-07-01"].as_slice(), "gives no vectors in these days"),
+        ("report", &[], "holds no days of flight processing"),
+        ("report", &["--sensor", "OB"], "--sensor: changes nothing of `report`"),
+        ("carry", &["--from", "2015-06-29"], "--from: changes nothing of `carry`"),
+    ] {
+        let config = small.folder.path().join("flight.toml");
+        let output = calfit().args(["flight", levels]).arg(config).args(options).arg("-o").arg(&out).output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{levels} {options:?}: {}", text(&output.stdout));
+        says(&text(&output.stderr), &[words]);
+    }
+}
+
 #[test]
 fn telemetry_of_a_sensor_that_is_not_stated_is_refused() {
     let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n"));

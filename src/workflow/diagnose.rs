@@ -211,7 +211,7 @@ impl Across {
     }
 }
 
-/// What a diagnosis holds in memory for a byte of the file: 1.0 GiB for 3.7 million vectors of 36 bytes.
+/// What a diagnosis holds in memory for a byte of the file: 1.1 GiB for 3.7 million vectors of 36 bytes.
 const MEMORY_PER_BYTE: u64 = 8;
 
 /// Writes a diagnosis into the folder of a run, or that of all results if `run` is empty: figures, the report as Markdown and HTML, and `diagnosis.json` last.

@@ -102,7 +102,7 @@ pub enum NoLevels {
     #[error("level {0} is made of two sensors, and --sensor names one")]
     OfTwo(&'static str),
     /// Something is missing.
-    #[error("level {level} needs {what}, which the configuration does not state")]
+    #[error("level {level} needs {what}, which is not there")]
     Missing {
         /// Level.
         level: &'static str,
@@ -118,7 +118,7 @@ impl NoLevels {
         match self {
             NoLevels::Unknown(_) => "name levels by their letters, A to L, such as ABC, or `all`",
             NoLevels::OfTwo(_) => "leave --sensor out, or the level, or make it with --sensor common",
-            NoLevels::Missing { .. } => "state it, or leave the level out",
+            NoLevels::Missing { .. } => "state it in the configuration, see `input`, or leave the level out",
         }
     }
 }
@@ -178,7 +178,8 @@ impl Level {
         let celestial = || (prepared.attitude.is_none() || !has_step("attitude")).then_some("[celestial] with an attitude table");
         let wheels = || prepared.wheels.is_none().then_some("[wheels]");
         let heater = || mission.heater.is_none().then_some("[heater]");
-        let two = || (mission.sensors.len() < 2).then_some("two sensors");
+        let with_telemetry = || mission.sensors.iter().filter(|s| !prepared.catalogue.of(&s.name).is_empty()).count();
+        let two = || (with_telemetry() < 2).then_some("telemetry of two sensors");
         match self {
             Level::A | Level::E => None,
             Level::B | Level::F => rotation(),
