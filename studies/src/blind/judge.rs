@@ -22,7 +22,8 @@ pub fn judge(blind: &Blind) -> Verdict {
     };
     let cells = 3 * blind.means.first().map_or(0, Vec::len);
     let (plateaus, samples) = reduced(run, vectors);
-    let diagnosis = diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &Options::default());
+    let diagnosis =
+        diagnose::run(run, &plateaus, Some(&samples), &blind.campaign, &Options { without_insides: true, ..Options::default() });
     let oracle_chi2 = prepared(blind).and_then(|prepared| of_truth(&prepared, blind));
     diagnosis.map_or_else(|_| Verdict::default(), |d| Verdict { oracle_chi2, ..verdict(&d, cells as f64) })
 }
