@@ -488,7 +488,7 @@ fn two_steps_of_the_offset_are_told_and_taken_off() {
 }
 
 /// One plateau that is off looks like a step, or two, in it: what is named is not certain, the plateau is told, and no model takes it. One that is
-/// off by little passes for scatter, and is told as well.
+/// off by little makes the plateaus hardly scatter more, and is told as well.
 #[test]
 fn one_disturbed_plateau_is_no_effect() {
     for (seed, by) in [(7, 12.0), (8, 40.0), (9, 400.0)] {
@@ -499,7 +499,7 @@ fn one_disturbed_plateau_is_no_effect() {
         assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
         let diagnosis: Value =
             serde_json::from_str(&fs::read_to_string(case.out().join(RUN_ID).join("diagnosis.json")).unwrap()).unwrap();
-        assert!(diagnosis["verdict_kind"] != "none" || by < 20.0, "{by}");
+        assert_ne!(diagnosis["verdict_kind"], "none", "{by}");
         let steps = diagnosis["steps"].as_array().unwrap();
         let is_told = text(&output.stderr).contains("z stands out by more than 8 standard deviations at 122 s");
         assert!(is_told || !steps.is_empty(), "{by}: {}", text(&output.stderr));

@@ -261,6 +261,9 @@ fn files_without_a_recipe_are_read_checked_and_made_again() {
         // Coefficients of the coil temperature that a calibration does not tell are in its uncertainty since, as its convention says.
         let of_coils = [": std.", ": covariance.", ": convention.uncertainty", "more values"];
         let is_of_coils = differs && line.contains("/COIL_SCALAR__") && is_among(line, &of_coils);
+        // The scatter of few amplitudes tells their response with Student's factor since.
+        let of_few = [": model.std.", ": f_3db_model_std_hz", "more values"];
+        let is_of_few = differs && line.contains("/FREQ_PARAMETER__") && is_among(line, &of_few);
         // Squares and cubes across the axes were judged by the freedom of the fit along the axis, and scatter in proportion to the settings counted
         // for none.
         let of_panels = [".fitted.probability", ".fitted.quadratic_std_per_nt", ".fitted.cubic_std_per_nt2"];
@@ -274,6 +277,7 @@ fn files_without_a_recipe_are_read_checked_and_made_again() {
             || is_among(line, &explained)
             || is_of_coils
             || is_of_panels
+            || is_of_few
             || is_of_left
             || is_covered
             || is_late

@@ -1,22 +1,17 @@
 //! What the search in means found, of a run or of a flight, as a diagnosis: steps with what is drawn of them, what is left, limits, notes.
 
 use super::candidate::Candidate;
-use super::left::{self, Rest};
+use super::left::{self, OUTLIER, Rest, StandingOut};
 use super::limits::{hidden_drifts, limits};
-use super::means::{Means, MeansModel, Residuals, Term};
+use super::means::{Means, MeansModel, Term};
 use super::problem::{self, Outcome};
 use super::result::{Diagnosis, Evidence, Map, Pictures, Step, VerdictKind};
 use super::steps::{joined, sufficient};
 use super::{where_map, words};
 use crate::data::note::{Note, NoteKind};
 use crate::data::units::COMPONENTS;
-use crate::fit::statistics::robust_std;
 use crate::model::effects::{Catalogue, Row};
 use nalgebra::DMatrix;
-
-/// A plateau this many robust standard deviations from the others is told, and so many of them are not told one by one.
-const OUTLIER: f64 = 8.0;
-const MOST_OUTLIERS: usize = 6;
 
 /// A search in means that came to its end, and what stands beside it.
 pub(super) struct Searched<'a> {
@@ -65,7 +60,7 @@ impl Searched<'_> {
         pictures.places = where_map::places(&model, &outcome.fit.noise);
         let (not_identifiable, detection_limits) = limits(means, &outcome.fit, &steps, self.catalogue);
         notes.extend(hidden_drifts(means, &outcome.fit, &all, &steps));
-        notes.extend(standing_out(means, &all));
+        notes.extend(plateaus_apart(means, &all));
         Diagnosis {
             format: "diagnosis",
             version: 1,
@@ -111,25 +106,17 @@ fn steps_of_all(
     (steps, maps, places.iter().map(|p| p.step).collect())
 }
 
-/// Plateaus that the final model leaves far from the others: one that is disturbed is no effect, and nothing else tells of it.
-fn standing_out(means: &Means, all: &[&Candidate]) -> Vec<Note> {
-    let rows = &means.prepared.record.rows;
-    let residuals = means.residuals(all);
-    let one = |(axis, left): (usize, &Residuals)| {
-        let std_ent = robust_std(left.ent.iter().copied());
-        let far = |row: &usize| left.ent[*row].abs() > OUTLIER * std_ent;
-        let far: Vec<String> = (0..rows.len()).filter(far).map(|row| format!("{:.0}", rows[row].t_s())).collect();
-        let text = || {
-            format!(
-                "{} stands out by more than {OUTLIER:.0} standard deviations at {} s: plateaus that were disturbed, which no effect explains",
-                COMPONENTS[axis],
-                far.join(", ")
-            )
-        };
-        (std_ent > 0.0 && (1..=MOST_OUTLIERS).contains(&far.len()))
-            .then(|| Note::new(NoteKind::Fit, text()).about(COMPONENTS[axis]))
+/// Says where plateaus stand out.
+fn plateaus_apart(means: &Means, all: &[&Candidate]) -> Vec<Note> {
+    let note = |apart: StandingOut| {
+        let axis = COMPONENTS[apart.axis];
+        let text = format!(
+            "{axis} stands out by more than {OUTLIER:.0} standard deviations at {} s: plateaus that were disturbed, which no effect explains",
+            apart.times_s(means)
+        );
+        Note::new(NoteKind::Fit, text).about(axis)
     };
-    residuals.iter().enumerate().filter_map(one).collect()
+    left::standing_out(means, all).into_iter().map(note).collect()
 }
 
 /// Standard deviation of a mean, the noise alone.

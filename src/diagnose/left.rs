@@ -6,7 +6,7 @@ use super::result::{Left, LeftLike, Link};
 use crate::data::units::COMPONENTS;
 use crate::fit::noise::state_space::Inside;
 use crate::fit::scan::orthonormal;
-use crate::fit::statistics::fisher_tail;
+use crate::fit::statistics::{fisher_tail, robust_std};
 use crate::model::effects::{Covariate, Spec, TIME, UNKNOWN};
 use nalgebra::{DMatrix, DVector};
 
@@ -25,6 +25,12 @@ const CLEAR: f64 = 5.0;
 /// Slow noise that is forgotten after so many rows, or has a power density of no larger exponent, is nearly white.
 const FORGOTTEN_ROWS: f64 = 1.0;
 const FLAT: f64 = 0.5;
+
+/// A plateau this many robust standard deviations from the others stands out, and so many of them are not told one by one.
+pub(super) const OUTLIER: f64 = 8.0;
+const MOST_OUTLIERS: usize = 6;
+/// With fewer degrees of freedom a fit makes half of the residuals small by itself.
+const LEAST_FREEDOM: f64 = 15.0;
 
 /// What is left in the end, and on which axes it is no noise of any kind.
 pub(super) struct Rest {
@@ -77,7 +83,14 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Res
         (false, true) => SLOW,
     };
     if !is_clear || times[axis] < least {
-        return Rest { left: None, open };
+        let most = standing_out(means, all).into_iter().max_by(|a, b| a.times().total_cmp(&b.times()));
+        let left = most.map(|most| Left {
+            place: format!("{}, at {} s", COMPONENTS[most.axis], most.times_s(means)),
+            rms_nt: most.largest_ent * prepared.nt_per_ent[most.axis],
+            times_noise: most.times(),
+            like: LeftLike::Plateaus,
+        });
+        return Rest { left, open };
     }
     let (like, along) = if is_scatter {
         (LeftLike::Scatter, follows(means, axis, &residuals[axis].ent))
@@ -91,6 +104,41 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Res
     let rms_nt = times[axis] * white_ent[axis] * prepared.nt_per_ent[axis];
     let place = format!("{}, {along}", COMPONENTS[axis]);
     Rest { left: Some(Left { place, rms_nt, times_noise: times[axis], like }), open }
+}
+
+/// Plateaus of an axis that a model leaves far from the others.
+pub(super) struct StandingOut {
+    /// Axis of the sensor.
+    pub axis: usize,
+    /// Their rows.
+    rows: Vec<usize>,
+    /// The largest of what is left of them, and the robust standard deviation of all, enT.
+    largest_ent: f64,
+    std_ent: f64,
+}
+
+impl StandingOut {
+    /// The largest over the standard deviation.
+    fn times(&self) -> f64 {
+        self.largest_ent / self.std_ent
+    }
+
+    /// When they are, s since the run's start, in words.
+    pub fn times_s(&self, means: &Means) -> String {
+        let time = |row: &usize| format!("{:.0}", means.prepared.record.rows[*row].t_s());
+        self.rows.iter().map(time).collect::<Vec<String>>().join(", ")
+    }
+}
+
+/// Plateaus that the final model leaves far from the others: one that was disturbed is no effect, and hardly makes them scatter more. Of many it does.
+pub(super) fn standing_out(means: &Means, all: &[&Candidate]) -> Vec<StandingOut> {
+    let one = |(axis, left): (usize, Residuals)| {
+        let std_ent = robust_std(left.ent.iter().copied());
+        let rows: Vec<usize> = (0..left.ent.len()).filter(|row| left.ent[*row].abs() > OUTLIER * std_ent).collect();
+        let is_told = std_ent > 0.0 && left.freedom >= LEAST_FREEDOM && (1..=MOST_OUTLIERS).contains(&rows.len());
+        is_told.then(|| StandingOut { axis, rows, largest_ent: left.ent.amax(), std_ent })
+    };
+    means.residuals(all).into_iter().enumerate().filter_map(one).collect()
 }
 
 /// Mean white variance of the rows over that of the usual one.

@@ -103,6 +103,8 @@ pub enum LeftLike {
     SlowGain,
     /// Scatter from reading to reading.
     Scatter,
+    /// Single plateaus far from the others.
+    Plateaus,
     /// Disagreement of any other kind.
     Disagreement,
 }

@@ -52,6 +52,7 @@ fn not_explained(left: &Left) -> String {
                 "the plateau means scatter by {size} of the samples inside them: a dependence that was not found, or noise between them"
             )
         }
+        LeftLike::Plateaus => format!("single plateaus stand out, by up to {size}: they were disturbed"),
         LeftLike::Disagreement => format!("the data disagree by {size}"),
     }
 }
