@@ -382,19 +382,7 @@ fn a_jump_of_the_thermistor_where_the_temperature_turns_is_no_lag() {
     twin.thermal_box.phases.push(back);
     for (seed, by_k) in [(1, 0.5), (2, -0.5), (3, 0.0)] {
         let case = campaign(&twin, seed);
-        let run = case.campaign().join("26-03-03/16-00-00.CCR");
-        let before = fs::read_to_string(&run).unwrap();
-        let (head, rest) = before.split_once("@TEMPERATURES\n").unwrap();
-        let (names, rest) = rest.split_once('\n').unwrap();
-        assert!(names.starts_with("t,T59,"), "{names}");
-        let (table, rest) = rest.split_once("@").unwrap();
-        let other = table.lines().map(|row| {
-            let [t_s, t59, others] = row.splitn(3, ',').collect::<Vec<_>>().try_into().unwrap();
-            let number = |text: &str| text.parse::<f64>().unwrap();
-            let degc = number(t59) + if number(t_s) > TURN_S + 30.0 { by_k } else { 0.0 };
-            format!("{t_s},{degc:.3},{others}\n")
-        });
-        fs::write(&run, format!("{head}@TEMPERATURES\n{names}\n{}@{rest}", other.collect::<String>())).unwrap();
+        change_thermistor(&case, |t_s, degc| degc + if t_s > TURN_S + 30.0 { by_k } else { 0.0 });
         let (file, _) = swept(&case, &[]);
         let told = file.to_string().contains("temperature channel T59 jumps");
         assert_eq!((told, decided(&file, "decision")), (by_k != 0.0, Some("none claimed")), "{by_k}");
@@ -406,6 +394,63 @@ fn a_jump_of_the_thermistor_where_the_temperature_turns_is_no_lag() {
         println!("{by_k} K: rms {:.2}", rms(own.as_flattened()));
         assert!(own.as_flattened().iter().all(|p| p.abs() < 5.0), "{by_k}: {own:?}");
     }
+}
+
+/// Changes the readings of the thermistor of the sweep, of the time (s) and the reading.
+fn change_thermistor(case: &Case, change: impl Fn(f64, f64) -> f64) {
+    let run = case.campaign().join("26-03-03/16-00-00.CCR");
+    let before = fs::read_to_string(&run).unwrap();
+    let (head, rest) = before.split_once("@TEMPERATURES\n").unwrap();
+    let (names, rest) = rest.split_once('\n').unwrap();
+    assert!(names.starts_with("t,T59,"), "{names}");
+    let (table, rest) = rest.split_once('@').unwrap();
+    let rows = table.lines().map(|row| {
+        let [t_s, t59, others] = row.splitn(3, ',').collect::<Vec<_>>().try_into().unwrap();
+        let number = |text: &str| text.parse::<f64>().unwrap();
+        format!("{t_s},{:.3},{others}\n", change(number(t_s), number(t59)))
+    });
+    fs::write(&run, format!("{head}@TEMPERATURES\n{names}\n{}@{rest}", rows.collect::<String>())).unwrap();
+}
+
+/// The first reading of the thermistor, or the last one, is off by a kelvin while the temperature moves: it is taken from the course of the others, no
+/// lag is claimed, and the polynomials are right.
+#[test]
+fn a_wrong_reading_at_an_end_is_no_lag() {
+    let twin = demo();
+    let case = campaign(&twin, 4);
+    let (sound, _) = swept(&case, &[]);
+    assert!(!sound.to_string().contains("off the course of those beside it"));
+    for is_first in [true, false] {
+        let case = campaign(&twin, 4);
+        let times = std::cell::RefCell::new(Vec::new());
+        change_thermistor(&case, |t_s, degc| {
+            times.borrow_mut().push(t_s);
+            degc
+        });
+        let times = times.into_inner();
+        let wrong_s = if is_first { times[0] } else { times[times.len() - 1] };
+        change_thermistor(&case, |t_s, degc| if t_s == wrong_s { degc - 1.0 } else { degc });
+        let (file, _) = swept(&case, &[]);
+        says(&file.to_string(), &[&format!("the reading of T59 at {wrong_s:.0} s is -"), "the sensor follows that course"]);
+        assert_eq!(decided(&file, "decision"), decided(&sound, "decision"));
+        assert!(pulls(&file, &twin).as_flattened().iter().all(|p| p.abs() < 5.0), "{is_first}");
+    }
+}
+
+/// A thermistor that drifts by a kelvin while the temperature goes down and up again splits the branches as a lag does; it explains the readings better,
+/// which is said, and no lag is claimed.
+#[test]
+fn a_thermistor_that_drifts_is_no_lag() {
+    let mut twin = demo();
+    let mut back = *twin.thermal_box.phases.last().unwrap();
+    back.from = "2026-03-03T20:00:00Z".parse().unwrap();
+    back.target_degc = 130.0;
+    twin.thermal_box.phases.push(back);
+    let case = campaign(&twin, 1);
+    change_thermistor(&case, |t_s, degc| degc + t_s / (8.0 * 3600.0));
+    let (file, _) = swept(&case, &[]);
+    assert_eq!(decided(&file, "decision"), Some("none claimed"));
+    says(&file.to_string(), &["T59 that drifts by ", "explains them better; the polynomials are without either"]);
 }
 
 #[test]

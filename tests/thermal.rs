@@ -182,6 +182,30 @@ fn a_scatter_between_runs_is_the_same_for_all_of_them() {
     assert!((of_first("factor_95") - 2.776_445).abs() < 1e-5);
 }
 
+/// The same of twelve runs, every other one known a hundred times better, without a given order: a polynomial of a high order that runs through the
+/// six is no answer.
+#[test]
+fn a_scatter_is_told_from_a_polynomial_of_high_order() {
+    let mut gauss = common::Gauss(31);
+    for group in 0..6 {
+        let case = Case::new();
+        for i in 0..12 {
+            let degc = -60.0 + 10.0 * f64::from(i);
+            let value = 5.0 + 1e-3 * degc + 0.1 * gauss.normal();
+            let text = opf(&format!("13-04-{:02}_09-00-00", i + 1), "A", Some(degc), value);
+            let std = if i % 2 == 0 { 0.1 } else { 0.001 };
+            case.put(&format!("A{i}.OPF"), text.replace("offset_std_ent = [0.01", &format!("offset_std_ent = [{std:?}")));
+        }
+        let output = case.run("thermal", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        let found = parameters(&case.out().join("THERMAL_OFF_PARAMETER__13-04-01-09-00-00.TOF"));
+        let first = found["quantity"].as_array_of_tables().unwrap().get(0).unwrap();
+        let scatter = first.get("scatter").and_then(toml_edit::Item::as_float).unwrap_or(0.0);
+        assert!((0.04..0.2).contains(&scatter), "{group}: {scatter}");
+        assert!(first["order"].as_integer().unwrap() <= 2, "{group}: {first}");
+    }
+}
+
 /// Of four runs one is wrong: left out by its id it is in no polynomial; an option of runs and an id of nothing are refused.
 #[test]
 fn files_are_left_out_by_the_id_of_their_run_and_options_of_runs_are_refused() {

@@ -67,7 +67,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let rule = "holds polynomials already";
         return Err(Finding::error(&path.display().to_string(), rule, "name --centre CPF to take them to the centre"));
     }
-    let (files, campaign_paths) = sort_paths(&paths, terminal)?;
+    let (files, given_up, campaign_paths) = sort_paths(&paths, terminal)?;
     if campaign_paths.is_empty() {
         refuse_without_runs(arguments)?;
     }
@@ -83,7 +83,8 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     for exclusion in &arguments.excluding.exclude {
         let left_out = input.leave_out(exclusion)?;
         left_out.iter().for_each(|file| terminal.warning(&format!("{file} is left out: {}", exclusion.reason)));
-        missing.exclude.retain(|e| e != exclusion || left_out.is_empty());
+        let is_given_up = given_up.iter().any(|run| *run == exclusion.run);
+        missing.exclude.retain(|e| e != exclusion || (left_out.is_empty() && !is_given_up));
     }
     let campaigns = if campaign_paths.is_empty() {
         missing.check(&[])?;
@@ -384,9 +385,9 @@ fn publish_runs(measured: &[Measured], desk: &Desk, terminal: &Terminal, failure
     }
 }
 
-/// Parameter files, and what holds runs.
-fn sort_paths(paths: &[PathBuf], terminal: &Terminal) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Finding> {
-    let (mut files, mut campaigns) = (Vec::new(), Vec::new());
+/// Parameter files, the runs of those that the index of their folder gives up, and what holds runs.
+fn sort_paths(paths: &[PathBuf], terminal: &Terminal) -> Result<(Vec<PathBuf>, Vec<String>, Vec<PathBuf>), Finding> {
+    let (mut files, mut given_up, mut campaigns) = (Vec::new(), Vec::new(), Vec::new());
     for path in paths {
         if is_parameter_file(path) {
             files.push(path.clone());
@@ -397,27 +398,35 @@ fn sort_paths(paths: &[PathBuf], terminal: &Terminal) -> Result<(Vec<PathBuf>, V
                 let shown = path.display().to_string();
                 return Err(Finding::error(&shown, "the folder holds neither runs nor parameter files", "check the path"));
             }
-            files.extend(those_that_hold(path, found, terminal)?);
+            let (left, runs) = those_that_hold(path, found, terminal)?;
+            if left.is_empty() {
+                let rule = "the runs of all parameter files of the folder are gone, refused or left out by its index";
+                return Err(Finding::error(&path.display().to_string(), rule, "make the results again, or name single files"));
+            }
+            files.extend(left);
+            given_up.extend(runs);
         } else {
             campaigns.push(path.clone());
         }
     }
-    Ok((files, campaigns))
+    Ok((files, given_up, campaigns))
 }
 
 /// The files that the index of their folder does not give up, since their runs are gone, refused or left out; of a run with two calibrations that of
-/// its thermal group, unless the index says that that of the run alone was made again since.
-fn those_that_hold(folder: &Path, mut found: Vec<PathBuf>, terminal: &Terminal) -> Result<Vec<PathBuf>, Finding> {
+/// its thermal group, unless the index says that that of the run alone was made again since. The runs of the others are named as well.
+fn those_that_hold(folder: &Path, mut found: Vec<PathBuf>, terminal: &Terminal) -> Result<(Vec<PathBuf>, Vec<String>), Finding> {
     found.sort();
     let index = index::read(folder)?;
     let inside = |path: &Path| path.strip_prefix(folder).unwrap_or(path).to_string_lossy().into_owned();
     let listed = |path: &Path| index.as_ref().and_then(|index| index.file(&inside(path)));
+    let mut given_up = Vec::new();
     found.retain(|path| {
-        let given_up = listed(path).and_then(|file| file.mark);
-        if let Some(state) = given_up {
+        let state = listed(path).and_then(|file| file.mark);
+        if let Some(state) = state {
             terminal.warning(&format!("{} is left out: its run is {state} by the index of the folder", path.display()));
+            given_up.extend(inside(path).split_once('/').map(|(run, _)| run.to_owned()));
         }
-        given_up.is_none()
+        state.is_none()
     });
     for path in &found {
         if let Some(file) = listed(path).filter(|file| file.stale) {
@@ -433,7 +442,7 @@ fn those_that_hold(folder: &Path, mut found: Vec<PathBuf>, terminal: &Terminal) 
         .map(|(path, alone)| if is_overtaken(path) { path.clone() } else { alone })
         .collect();
     found.retain(|path| !left.contains(path));
-    Ok(found)
+    Ok((found, given_up))
 }
 
 /// Whether a file is named like the results of single runs that take part.

@@ -249,6 +249,9 @@ pub struct FurtherForm {
     pub form: Spec,
     /// Its parameters with standard uncertainties, corrected for having been selected.
     pub parameters: Vec<Parameter>,
+    /// The plateau without which little of it is left, s since the run's start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub one_plateau_s: Option<f64>,
 }
 
 /// One effect that was missing.

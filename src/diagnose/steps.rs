@@ -144,7 +144,7 @@ impl Facts {
             p_value_corrected: if p_value_corrected > p_value {
                 p_value_corrected
             } else {
-                (p_value * trials as f64).clamp(p_value, 1.0)
+                (p_value * trials as f64).max(p_value).min(1.0)
             },
             gap_before,
             gap_after,
@@ -287,9 +287,16 @@ pub(super) fn joined(steps: Vec<Step>) -> (Vec<Step>, Vec<Place>) {
             }
         }
         first.axes.sort();
-        first.further.push(FurtherForm { form: step.form.clone(), parameters: step.parameters.clone() });
+        first.further.push(FurtherForm {
+            form: step.form.clone(),
+            parameters: step.parameters.clone(),
+            one_plateau_s: step.one_plateau_s,
+        });
+        if step.one_plateau_s.is_some() {
+            first.wording = step.wording;
+            first.telling.remark.push_str(&step.telling.remark);
+        }
         first.ambiguous_with.retain(|a| step.ambiguous_with.contains(a));
-        first.one_plateau_s = first.one_plateau_s.or(step.one_plateau_s);
         first.gap_after = step.gap_after;
         first.strength_k = first.strength_k.hypot(step.strength_k);
         // Sentences of a form's own do not speak of a further one.

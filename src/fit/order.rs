@@ -25,7 +25,7 @@ use super::linear::Limits;
 use super::polynomial::{self, Polynomial};
 use super::scalar::bisect;
 use super::statistics::{chi2_tail, extremes, fisher_tail};
-use super::{FitError, require_finite, require_length};
+use super::{FitError, aicc, require_finite, require_length};
 
 /// The highest order that is fitted.
 pub const HIGHEST_ORDER: usize = 5;
@@ -274,6 +274,50 @@ pub fn scatter(x: &[f64], y: &[f64], std: &[f64], order: usize, limits: &Limits)
     // The squares fall as the scatter grows; with one as large as all differences they are less than one.
     let [_, found] = bisect(|scatter| squares(scatter).is_ok_and(|s| s > 1.0), [0.0, 2.0 * (high - low)], 1e-9);
     Ok(found)
+}
+
+/// What points scatter by about a polynomial of an order over what their standard deviations let expect; 1 without a degree of freedom.
+///
+/// # Errors
+/// Those of [`polynomial::fit`] and for standard deviations that are not positive.
+pub fn times(x: &[f64], y: &[f64], std: &[f64], order: usize, limits: &Limits) -> Result<f64, FitError> {
+    let weights = weights_of(std, x.len())?;
+    let fitted = polynomial::fit(x, y, Some(&weights), order, limits)?;
+    let chi2: f64 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
+    Ok(if fitted.dof > 0 { (chi2 / fitted.dof as f64).sqrt() } else { 1.0 })
+}
+
+/// Points from which on a scatter can be told from a slope: with fewer the criterion has no line beside it.
+pub const LEAST_FOR_SCATTER: usize = 5;
+
+/// The scatter of the order, up to a highest one, that is likeliest with it, by AICc with the scatter as a parameter; 0 where standard deviations
+/// explain what their squares leave. Without it a high order that runs through the few points that are known best would need none. Of
+/// [`LEAST_FOR_SCATTER`] points and more.
+///
+/// # Errors
+/// Those of [`scatter`].
+pub fn likely_scatter(x: &[f64], y: &[f64], std: &[f64], highest: usize, limits: &Limits) -> Result<f64, FitError> {
+    let mut best = (f64::INFINITY, 0.0);
+    for order in 0..=highest.min(HIGHEST_ORDER) {
+        let weights = weights_of(std, x.len())?;
+        let fitted = match polynomial::fit(x, y, Some(&weights), order, limits) {
+            Ok(fitted) => fitted,
+            Err(FitError::Undetermined { .. }) => break,
+            Err(error) => return Err(error),
+        };
+        let chi2: f64 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
+        let own = if excess(chi2, fitted.dof) > 1.0 { scatter(x, y, std, order, limits)? } else { 0.0 };
+        let weights = weights_of(&std.iter().map(|s| s.hypot(own)).collect::<Vec<f64>>(), x.len())?;
+        let fitted = polynomial::fit(x, y, Some(&weights), order, limits)?;
+        let deviance: f64 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r - w.ln()).sum();
+        let parameters = order + 1 + usize::from(own > 0.0);
+        if let Some(value) = aicc(deviance, parameters, x.len())
+            && value + TIE < best.0
+        {
+            best = (value, own);
+        }
+    }
+    Ok(best.1)
 }
 
 /// Factor on standard deviations which a sum of squares asks for: `sqrt(chi2 / dof)` above the 99 % quantile, otherwise 1.

@@ -17,7 +17,7 @@ use crate::data::convention::{Alignment, Convention};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Rows;
 use crate::fit::statistics::std_of;
-use crate::fit::{FitError, propagate};
+use crate::fit::{FitError, Limits, order, propagate};
 use crate::measure::thermal::SAME_DEGC;
 use crate::model::alignment::{AlignmentPolynomials, Through, nodes_degc};
 use crate::model::off_centre::Transfer;
@@ -164,20 +164,22 @@ fn mean_change(runs: &[&CalibratedRun]) -> Option<Vec<CommonChange>> {
 /// Values of three components with their standard uncertainties, if those are known.
 type Triple = ([f64; 3], Option<[f64; 3]>);
 
-/// Mean per component with the weights of known uncertainties, or of equal ones whose size is then not known.
+/// Mean per component with the weights of known uncertainties, to which what the runs scatter by is added, or of equal ones whose size is then not known.
 fn weighted_mean(all: &[Triple]) -> Triple {
     let (mut value, mut std) = ([f64::NAN; 3], Some([f64::NAN; 3]));
     for i in 0..3 {
-        let weights: Option<Vec<f64>> = all.iter().map(|(_, s)| s.map(|s| s[i].powi(-2)).filter(|w| w.is_finite())).collect();
-        let known = weights.is_some();
-        let weights = weights.unwrap_or_else(|| vec![1.0; all.len()]);
+        let values: Vec<f64> = all.iter().map(|(v, _)| v[i]).collect();
+        let own: Option<Vec<f64>> = all.iter().map(|(_, s)| s.map(|s| s[i]).filter(|s| s.is_finite() && *s > 0.0)).collect();
+        let known = own.is_some();
+        let scatter = own
+            .as_ref()
+            .map_or(0.0, |own| order::scatter(&vec![0.0; all.len()], &values, own, 0, &Limits::default()).unwrap_or(0.0));
+        let own = own.unwrap_or_else(|| vec![1.0; all.len()]);
+        let weights: Vec<f64> = own.iter().map(|s| s.hypot(scatter).powi(-2)).collect();
         let sum: f64 = weights.iter().sum();
-        let mean = all.iter().zip(&weights).map(|((v, _), w)| w * v[i]).sum::<f64>() / sum;
-        let chi2: f64 = all.iter().zip(&weights).map(|((v, _), w)| w * (v[i] - mean).powi(2)).sum();
-        value[i] = mean;
-        let widened = (chi2 / (all.len() as f64 - 1.0)).max(1.0).sqrt();
+        value[i] = values.iter().zip(&weights).map(|(v, w)| w * v).sum::<f64>() / sum;
         std = std.filter(|_| known).map(|mut std| {
-            std[i] = widened / sum.sqrt();
+            std[i] = sum.sqrt().recip();
             std
         });
     }

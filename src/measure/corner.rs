@@ -13,7 +13,7 @@
 //! * **known noise**: every amplitude has its standard deviation, as amplitudes of waveforms do, and the best response leaves no more
 //!   than they let expect: chi-square below its 99.99 % quantile and no residual beyond five standard deviations. Then
 //!   weighted least squares is efficient, and its linearised covariance is the uncertainty. Chi-square above its 99 % quantile widens
-//!   it by `sqrt(chi-square / dof)`. [`Corner::explained`] tells that it was so.
+//!   it by `sqrt(chi-square / dof)` and Student's factor. [`Corner::explained`] tells that it was so.
 //! * **scatter**: otherwise, and for tables without standard deviations, what follows.
 //!
 //! None of the responses describes a printed table within its noise. What the best leaves in the tables of 2013 is 0.1 to 0.4 % of the

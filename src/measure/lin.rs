@@ -111,7 +111,12 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     conditions::warn_of_slow_noise(&mut notes, &noise, span_s);
 
     let is_free = slopes.as_ref().is_some_and(|s| !matches!(s.source, SlopeSource::Polynomials(_)));
-    let over_k = moving.filter(|m| is_free && m.is_moving()).map(|m| m.over_k);
+    let powers = slopes.as_ref().map_or(1, |s| s.order.max(1));
+    let with_temperature = moving.filter(|m| is_free && m.is_moving()).and_then(|m| {
+        let over_k: Vec<f64> =
+            prepared.list.iter().zip(&m.over_k).filter(|(p, _)| p.dropped.is_none()).map(|(_, k)| *k).collect();
+        Means::of(&used, order).with_temperature(&over_k, powers).into_extra()
+    });
     let mut calibration = LinearCalibration {
         run: conditions::head(run, instructions, &temperatures),
         setup: setup(&prepared, &used, plateaus),
@@ -156,7 +161,7 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
         dropped: conditions::dropped(&prepared.list),
         notes,
         blocks,
-        over_k,
+        with_temperature,
         temperatures,
         given: plateaus.clone(),
         noise_tried: noise.tried().map(<[_]>::to_vec),

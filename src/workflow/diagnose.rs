@@ -276,12 +276,12 @@ pub fn publish_model(path: &Path, all: &[&Diagnosed], given: Option<&Model>, for
     let mut effect: Vec<ModelEffect> = given.map(|model| model.effect.clone()).unwrap_or_default();
     // The sensors and modes of what is written.
     let mut of: Vec<Option<[String; 2]>> = given.iter().map(|model| Some([model.sensor.clone()?, model.mode.clone()?])).collect();
-    // What may be one disturbed plateau is no effect that another reading has.
-    let steps = all.iter().flat_map(|d| d.diagnosis.steps.iter().filter(|s| s.one_plateau_s.is_none()).map(move |s| (d, s)));
-    for (diagnosed, step) in steps {
+    for (diagnosed, step) in all.iter().flat_map(|d| d.diagnosis.steps.iter().map(move |s| (d, s))) {
         let diagnosis = &diagnosed.diagnosis;
-        let further = step.further.iter().map(|one| (&one.form, &one.parameters));
-        for (form, parameters) in std::iter::once((&step.form, &step.parameters)).chain(further) {
+        let further = step.further.iter().map(|one| (&one.form, &one.parameters, one.one_plateau_s));
+        let forms = std::iter::once((&step.form, &step.parameters, step.one_plateau_s)).chain(further);
+        // What may be one disturbed plateau is no effect that another reading has.
+        for (form, parameters, _) in forms.filter(|(.., one_plateau_s)| one_plateau_s.is_none()) {
             // What is damaged or only seen between runs is no term of a reading.
             let Some(mut entry) = entry(step.effect, form, parameters) else { continue };
             entry.run = diagnosis.runs.first().cloned();

@@ -19,8 +19,9 @@ pub const HOPELESS: f64 = 60.0;
 /// Settings over which a field that was the largest is remembered.
 const REMEMBERED: usize = 10;
 
-/// Of a term that does not rest on one row the others leave this part of its strength.
+/// Of a term that does not rest on one row the others leave this part of its strength, or what noise makes less often than this.
 const LEAST_OF_OTHERS: f64 = 0.5;
+const SIGNIFICANT: f64 = 1e-3;
 
 /// A size below this many of its standard uncertainties may as well be zero.
 const LEAST_RATIO: f64 = 3.0;
@@ -123,9 +124,9 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let has_near_rival = runners_up.iter().any(|r| r.log_ratio > -APART);
     let in_time = in_time::rivals(means, &without, candidate, &own_group, &score);
     let apart = each_axis::rival(means, &without, candidate, &own_group, &score);
-    let one_row = one_row(means, &without, (&others, candidate), &contribution, &score);
+    let one_plateau_s = one_plateau_s(means, &without, (&others, candidate), &contribution, &score);
     let is_doubted = has_near_rival
-        || one_row.is_some()
+        || one_plateau_s.is_some()
         || !in_time.is_empty()
         || apart.is_some()
         || !is_apart_from_zero(candidate, &parameters)
@@ -142,7 +143,6 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         [] => String::new(),
         _ => format!(" These describe the data as well in its place: {}.", names.join(", ")),
     };
-    let one_plateau_s = one_row.map(|row| means.prepared.record.rows[row].t_s());
     if let Some(t_s) = one_plateau_s {
         remark.push_str(&format!(
             " Without the plateau at {t_s:.0} s little of it is left: a single plateau that was disturbed looks the same, and it goes into no model."
@@ -187,22 +187,23 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     Description { facts, map, evidence: Some(rivals.bars(number)) }
 }
 
-/// The row without which little of a term is left: that on which most of it is, or two beside which it begins, since a disturbance may lie across the
-/// border of two. What is left of two jumps within one row is that row alone.
-fn one_row(
+/// When the plateau is without which nothing of a term is significant and little of it left, s: that on which most of it is, one beside which it begins,
+/// or two of these, since a disturbance may lie across the border of two. What is left of two jumps within one row is that row alone.
+fn one_plateau_s(
     means: &Means,
     without: &MeansModel,
     (others, candidate): (&[&Candidate], &Candidate),
     contribution: &Contribution,
     score: &Score,
-) -> Option<usize> {
+) -> Option<f64> {
     let record = &means.prepared.record;
     let n = record.rows.len();
     let own = &contribution.own_ent;
     let largest = (0..n).max_by(|i, j| own[*i].abs().total_cmp(&own[*j].abs()))?;
     let begin = candidate.effect.begins_s(&candidate.spec).map(|s| record.rows.partition_point(|r| r.used_s[1] <= s));
-    let near = begin.into_iter().flat_map(|row| row.saturating_sub(2)..(row + 2).min(n));
-    let places: Vec<Range<usize>> = near.map(|row| row..(row + 2).min(n)).chain([largest..largest + 1]).collect();
+    let near = || begin.into_iter().flat_map(|row| row.saturating_sub(1)..(row + 2).min(n));
+    let single = std::iter::once(largest).chain(near()).map(|row| row..row + 1);
+    let places: Vec<Range<usize>> = single.chain(near().map(|row| row.saturating_sub(1)..row + 1)).collect();
     let is_it = |place: &Range<usize>| {
         let rows: Vec<usize> = (0..3).flat_map(|a| place.clone().map(move |row| a * n + row)).collect();
         let alone = Candidate {
@@ -212,9 +213,10 @@ fn one_row(
         let with: Vec<&Candidate> = others.iter().copied().chain([&alone]).collect();
         let beside = means.model_with(without.noise.clone(), &with);
         let left = beside.fitted.score(&means.group(&beside, candidate));
-        left.strength < LEAST_OF_OTHERS * score.strength
+        left.strength < LEAST_OF_OTHERS * score.strength && left.p_value() > SIGNIFICANT
     };
-    places.into_iter().find(is_it).map(|place| place.start)
+    let middle_s = |place: Range<usize>| place.clone().map(|row| record.rows[row].t_s()).sum::<f64>() / place.len() as f64;
+    places.into_iter().find(is_it).map(middle_s)
 }
 
 /// Whether any of the linear parameters of a term stands out of its uncertainty: a form whose shape is free can follow something that is not its

@@ -64,6 +64,11 @@ impl Means {
         Self { extra: Some(Extra { names, columns, offset }), ..self }
     }
 
+    /// The columns beside those of the baseline.
+    pub fn into_extra(self) -> Option<DMatrix<f64>> {
+        self.extra.map(|extra| extra.columns)
+    }
+
     /// Numbers of columns beside those of the baseline: of the offset, and of the response.
     pub fn extra(&self) -> [usize; 2] {
         self.extra.as_ref().map_or([0; 2], |extra| [extra.offset, extra.names.len() - extra.offset])

@@ -11,6 +11,7 @@ use crate::fit::noise::dense::Candidate;
 use crate::model::applied::ModelApplied;
 use crate::model::facility::FacilityApplied;
 use crate::record::conditions::Temperatures;
+use nalgebra::DMatrix;
 use serde::Serialize;
 
 /// One plateau in the light of the fit.
@@ -56,8 +57,9 @@ pub struct Lin {
     pub notes: Vec<Note>,
     /// Every plateau of the run.
     pub blocks: Vec<Block>,
-    /// Temperature of the sensor at each of them over that of the result, K, where it moves and the slopes with it were found in the run.
-    pub over_k: Option<Vec<f64>>,
+    /// Columns of offset and response with the temperature of the sensor, a row per used plateau, where it moves and the slopes with it were found in
+    /// the run.
+    pub with_temperature: Option<DMatrix<f64>>,
     /// Temperatures during the run.
     pub temperatures: Temperatures,
     /// The plateaus that were given, with settings and readings as they are in the file, for another fit.

@@ -12,7 +12,7 @@ pub(super) struct Data<'a> {
     pub lin: &'a Lin,
     /// The plateaus that were used, with their readings.
     pub used: Vec<&'a Block>,
-    /// Field, then powers of τ, then the field times the temperature where that moves: the design of its own fit.
+    /// Field, then powers of τ, then what follows the temperature where that moves: the design of its own fit.
     pub own: DMatrix<f64>,
     /// Whether readings count as they were measured: slopes with the temperature that were found without a polynomial have taken a part of it.
     pub is_as_measured: bool,
@@ -24,14 +24,14 @@ impl<'a> Data<'a> {
         let offset = &lin.calibration.offset;
         let [begin, end] = offset.tau_span_s;
         let tau = |t_s: f64| if end > begin { 2.0 * (t_s - begin) / (end - begin) - 1.0 } else { 0.0 };
-        let places: Vec<usize> = (0..lin.blocks.len()).filter(|i| lin.blocks[*i].plateau.dropped.is_none()).collect();
-        let used: Vec<&Block> = places.iter().map(|i| &lin.blocks[*i]).collect();
+        let used: Vec<&Block> = lin.blocks.iter().filter(|b| b.plateau.dropped.is_none()).collect();
         let powers = 4 + offset.trend_order;
-        let own = DMatrix::from_fn(used.len(), powers + if lin.over_k.is_some() { 3 } else { 0 }, |row, column| {
+        let moving = lin.with_temperature.as_ref().map_or(0, DMatrix::ncols);
+        let own = DMatrix::from_fn(used.len(), powers + moving, |row, column| {
             let p = &used[row].plateau;
-            match (column, &lin.over_k) {
-                (0..3, _) => p.setting.field.0[column],
-                (_, Some(over_k)) if column >= powers => over_k[places[row]] * p.setting.field.0[column - powers],
+            match (column.checked_sub(powers), &lin.with_temperature) {
+                (Some(column), Some(columns)) => columns[(row, column)],
+                _ if column < 3 => p.setting.field.0[column],
                 _ => tau(p.t_s()).powi(column as i32 - 3),
             }
         });

@@ -32,7 +32,7 @@ pub(super) fn tell(data: &[Data], axis: usize, parts: &[Projected], solved: &par
         let design = linear::Design::new((0..own + shared).map(|j| format!("column {j}")).collect(), columns)?;
         let rhs = DMatrix::from_column_slice(rows, 1, projected.part.rhs.as_slice());
         let solution = linear::solve(&design, &rhs, None, &Limits::default())?;
-        let within = if d.lin.over_k.is_some() { Within::Drift } else { Within::Still };
+        let within = if d.lin.with_temperature.is_some() { Within::Drift } else { Within::Still };
         let model = conditions::noise_of(&solution, &d.plateaus(), &[axis], within, None)?;
         from_samples &= model.is_from_samples();
         noise.push(model.covariance().view((own, own), (shared, shared)).into_owned());

@@ -13,9 +13,8 @@ use nalgebra::{DMatrix, DVector};
 /// A channel whose means vary by less than this part of their size does not vary.
 const LEAST_VARIATION: f64 = 1e-9;
 
-/// Most places of a step that is looked for: one that is a row or two beside the step leaves so much that slow noise explains it better.
-const MOST_STEPS: usize = 256;
-/// Rows before the first place and behind the last one.
+/// Rows before the first place of a step that is looked for and behind the last one. It is looked for beside every other row: a place that is a row or
+/// two beside the step leaves so much that slow noise explains it better.
 const EDGE: usize = 2;
 
 /// Coefficients of one component with their covariance.
@@ -211,8 +210,7 @@ impl Lacking {
     /// Everything that is looked for beside a drift of some order in rows at times from -1 to 1.
     fn all(order: usize, x: &[f64]) -> impl Iterator<Item = Self> {
         let places = EDGE..x.len().saturating_sub(EDGE - 1);
-        let stride = places.len().div_ceil(MOST_STEPS).max(1);
-        let steps = places.step_by(stride).map(|row| Self::Step(0.5 * (x[row - 1] + x[row])));
+        let steps = places.map(|row| Self::Step(0.5 * (x[row - 1] + x[row])));
         [order + 1, order + 2].map(Self::Power).into_iter().chain(steps)
     }
 

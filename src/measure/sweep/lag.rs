@@ -190,7 +190,9 @@ fn unclaimed(channel: &str, declined: Option<(Lag, Rival)>, effect: Option<Effec
             let but = match rival {
                 Rival::Polynomials => "so do polynomials of one order higher".to_owned(),
                 Rival::Readings { t_s } => {
-                    format!("only those near {t_s:.0} s show it, as where a reading of {channel} there is wrong")
+                    format!(
+                        "only those near {t_s:.0} s show it, as where a reading of {channel} there is wrong or the temperature moves there alone"
+                    )
                 }
                 Rival::Drift { by_k } => {
                     format!(

@@ -228,12 +228,16 @@ pub(super) fn fit(
     let own = values.std_known.then_some(values.std.as_slice());
     let by_own = choose(own).map_err(refuse)?;
     // A scatter between the runs is the same for those that are known well and those that are not.
-    let scatter = match own {
-        Some(own) if by_own.inflation > 1.0 => {
-            order::scatter(&values.degc, &values.value, own, by_own.order, &Limits::default()).map_err(refuse)?
+    let scatter = match (own, wanted) {
+        (Some(own), None) if own.len() >= order::LEAST_FOR_SCATTER => {
+            order::likely_scatter(&values.degc, &values.value, own, highest, &Limits::default())
         }
-        _ => 0.0,
-    };
+        (Some(own), _) if by_own.inflation > 1.0 => {
+            order::scatter(&values.degc, &values.value, own, by_own.order, &Limits::default())
+        }
+        _ => Ok(0.0),
+    }
+    .map_err(refuse)?;
     let with_scatter: Vec<f64> = values.std.iter().map(|std| std.hypot(scatter)).collect();
     let std = own.map(|_| with_scatter.as_slice());
     let chosen = if scatter > 0.0 { choose(std).map_err(refuse)? } else { by_own.clone() };
@@ -255,12 +259,14 @@ pub(super) fn fit(
     if scatter > 0.0 {
         let text = format!(
             "{}: the runs scatter by {:.1} times what their uncertainties let expect; a scatter of {scatter:.1e} {} was added to those of all runs",
-            quantity.name, by_own.inflation, quantity.unit
+            quantity.name,
+            order::times(&values.degc, &values.value, &values.std, chosen.order, &Limits::default()).map_err(refuse)?,
+            quantity.unit
         );
         notes.push(Note::new(NoteKind::Method, text).about(&quantity.name));
     }
     let common = moved(quantity, &values, std, chosen.order).map_err(refuse)?;
-    let widened = if own.is_some() { by_own.inflation } else { 1.0 };
+    let widened = if own.is_some() { by_own.inflation.max(chosen.inflation) } else { 1.0 };
     Ok(Some(QuantityFit { common, ..described(quantity, values, points, (&chosen, [scatter, widened]), valid_degc) }))
 }
 

@@ -46,7 +46,9 @@ impl Channel<'_> {
     pub(super) fn exchanged(&self, sensor: &Channel) -> Option<ChannelFault> {
         let of_a_room = |degc: f64| two_sided_tail((degc - ROOM_DEGC[0]).abs() / ROOM_DEGC[1]);
         let other = (sensor.name.to_owned(), sensor.median);
-        let is_so = of_a_room(self.median) < LEAST_AGREEMENT && of_a_room(sensor.median) > SENSIBLE;
+        // What no instrument has is no exchange but a channel that reads nothing.
+        let is_a_temperature = two_sided_tail((self.median - INSTRUMENT_DEGC[0]).abs() / INSTRUMENT_DEGC[1]) > SENSIBLE;
+        let is_so = is_a_temperature && of_a_room(self.median) < LEAST_AGREEMENT && of_a_room(sensor.median) > SENSIBLE;
         is_so.then(|| self.fault(Fault::Exchanged { read: self.median, other }, of_a_room(self.median)))
     }
 

@@ -57,7 +57,7 @@ impl Channel<'_> {
         }
         // A channel without any scatter, which nothing else tells of: were it that of the last digit, two in a row would be equal as often as below.
         // One that is read to a tenth of a kelvin may rest.
-        let is_of_tenths = (10.0 * first.1 - (10.0 * first.1).round()).abs() < 1e-6;
+        let is_of_tenths = (10.0 * first.1 - (10.0 * first.1).round()).abs() < 1e-3;
         if best.len() == self.series.len() && best.len() >= LEAST_ALONE && !is_of_tenths {
             let probability = (2.0 * std::f64::consts::PI.sqrt()).recip().powf((best.len() - 1) as f64);
             return Some(self.fault(Fault::StandsStill { time_s, degc: first.1, neighbour: None }, probability));

@@ -41,7 +41,7 @@ const LACKS: [f64; 4] = [0.6, 0.3, 0.1, 0.01];
 /// not grow, and 1.27 where it grows by so little that a run of 37 settings cannot tell it: larger odds make the first smaller and the second
 /// nearer to one (`reports/coverage.md`, "Sources that scatter").
 const PRIOR_GROWING: f64 = 0.5;
-pub(super) const GROWTHS: [f64; 6] = [1.0, 3.0, 10.0, 30.0, 100.0, 1000.0];
+pub(super) const GROWTHS: [f64; 8] = [1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e5];
 /// Prior probability of slow noise of the gain.
 const PRIOR_GAIN: f64 = 0.01;
 /// Deviance beyond the lowest of what the contrasts rule out.

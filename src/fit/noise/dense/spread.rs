@@ -18,7 +18,7 @@ const LEAST: f64 = 0.05;
 /// Rows that tell themselves whether their scatter grows with the reading: twenty and more of them are large on each axis. To weigh it always costs as
 /// much as all the rest of the noise there.
 const MANY_ROWS: usize = 60;
-/// Sources are not wrong by more than this part of what they are set to.
+/// Sources of a calibration are hardly wrong by more than this part of what they are set to.
 const MOST_OF_A_SOURCE: f64 = 1e-3;
 /// Standard deviations from which the residuals suggest scatter that grows with the reading, or slow noise of the gain.
 const SUGGESTED: f64 = 2.0;
@@ -111,7 +111,7 @@ pub(super) fn by_rows(
 }
 
 /// Squares of readings with which the scatter between the rows may grow: always of few rows, which cannot tell, and of many where the residuals suggest
-/// it. Where the readings are too small for a source to matter, as of offsets without a field, it is not asked.
+/// it. Where the readings are too small for a usual source to matter, as of offsets without a field, only the residuals ask for it.
 pub(super) fn may_grow(
     fitted: &Fitted,
     solution: &Solution,
@@ -125,12 +125,10 @@ pub(super) fn may_grow(
     let scatter =
         DVector::from_fn(n, |i, _| fitted.residuals[(i, a)].powi(2) / (spread[i] * (1.0 - fitted.leverage[i]).max(LEAST)));
     let mean = scatter.mean();
-    if MOST_OF_A_SOURCE * readings.amax() < mean.sqrt() {
-        return None;
-    }
     let centred = squares.add_scalar(-squares.mean());
     let score = centred.dot(&scatter) / mean / (2.0 * centred.norm_squared()).sqrt();
-    (n < MANY_ROWS || score > SUGGESTED).then_some(squares)
+    let is_small = MOST_OF_A_SOURCE * readings.amax() < mean.sqrt();
+    ((n < MANY_ROWS && !is_small) || score > SUGGESTED).then_some(squares)
 }
 
 /// Readings over the largest, in proportion to which slow noise acts, where the residuals suggest slow noise of the gain: neighbouring rows
