@@ -36,12 +36,12 @@ const EXCESSES: usize = 26;
 /// The same for less scatter: noise that is not white between the samples, a tone for example, averages out in a row.
 const PRIOR_LACK: f64 = 0.02;
 const LACKS: [f64; 4] = [0.6, 0.3, 0.1, 0.01];
-/// Prior odds of scatter between the rows that grows with the reading against scatter that does not, and its variances at the largest reading over
+/// Prior odds of scatter between the rows that grows with the reading, by each of some sizes, against scatter that does not, and these sizes: its variances at the largest reading over
 /// that without. A source is specified by a part of its setting; with these odds errors of gains are 0.92 of what is stated where the scatter does
 /// not grow, and 1.27 where it grows by so little that a run of 37 settings cannot tell it: larger odds make the first smaller and the second
 /// nearer to one (`reports/coverage.md`, "Sources that scatter").
-const PRIOR_GROWING: f64 = 0.5;
-pub(super) const GROWTHS: [f64; 8] = [1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e5];
+const PRIOR_GROWTH: f64 = 1.0 / 12.0;
+pub(super) const GROWTHS: [f64; 9] = [1.0, 3.0, 10.0, 30.0, 100.0, 1e3, 1e4, 1e5, 1e6];
 /// Prior probability of slow noise of the gain.
 const PRIOR_GAIN: f64 = 0.01;
 /// Deviance beyond the lowest of what the contrasts rule out.
@@ -171,7 +171,7 @@ impl<'a> Average<'a> {
         }
         all.retain(|t| t.deviance < self.lowest_inside + IMPROBABLE);
         for t in all {
-            let t = Told { prior: t.prior * PRIOR_GROWING / GROWTHS.len() as f64, deviance: t.deviance + offset, ..t };
+            let t = Told { prior: t.prior * PRIOR_GROWTH, deviance: t.deviance + offset, ..t };
             self.try_whites(t, likelihood, Origin::Samples, 0, Some(growth));
         }
     }
@@ -265,7 +265,7 @@ impl<'a> Average<'a> {
 pub(super) fn of_residuals(found: &[(Option<usize>, Estimate)]) -> (ComponentNoise, Vec<Place>) {
     let lowest = found.iter().map(|(_, e)| e.deviance).fold(f64::INFINITY, f64::min);
     let weight = |(growth, e): &(Option<usize>, Estimate)| {
-        let prior = growth.map_or(1.0, |_| PRIOR_GROWING / GROWTHS.len() as f64);
+        let prior = growth.map_or(1.0, |_| PRIOR_GROWTH);
         // Residuals that are all zero have no likelihood.
         prior * if e.noise.std > 0.0 { (0.5 * (lowest - e.deviance)).exp() } else { 1.0 }
     };

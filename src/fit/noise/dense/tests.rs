@@ -257,7 +257,7 @@ fn coverage_of_settings(n: usize, source: f64) -> [f64; 2] {
     let readings = DMatrix::from_fn(n, 1, |i, _| 1000.0 * set[i]);
     let times: Vec<f64> = (0..n).map(|i| i as f64).collect();
     let (mut held, mut errors, mut stated) = (0.0, 0.0, 0.0);
-    let records = 400;
+    let records = if n < 100 { 400 } else { 100 };
     for _ in 0..records {
         let rhs = DMatrix::from_fn(n, 1, |i, _| 0.01 * random.gaussian() + source * set[i] * random.gaussian());
         let fit = solve(&design(columns.clone()), &rhs, None, &Limits::default()).unwrap();
@@ -269,10 +269,10 @@ fn coverage_of_settings(n: usize, source: f64) -> [f64; 2] {
     [held, stated / f64::from(records) / (errors / f64::from(records)).sqrt()]
 }
 
-/// 400 intervals of 95 % scatter by 1.1 %; ten rows cannot always tell that the scatter grows.
+/// 400 intervals of 95 % scatter by 1.1 %, 100 by 2.2 %: three of these less; ten rows cannot always tell that the scatter grows.
 #[test]
 fn settings_without_samples_that_scatter_in_proportion_are_in_the_uncertainty_of_the_gain() {
-    for (n, source, least) in [(10, 0.02, 0.9), (28, 0.02, 0.917), (28, 0.05, 0.917), (28, 1.0, 0.917), (120, 10.0, 0.917)] {
+    for (n, source, least) in [(10, 0.02, 0.9), (28, 0.02, 0.917), (28, 0.05, 0.917), (28, 1.0, 0.917), (120, 10.0, 0.884)] {
         let [held, _] = coverage_of_settings(n, source);
         assert!(held > least, "{n} {source}: {held}");
     }
