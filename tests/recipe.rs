@@ -295,7 +295,13 @@ fn files_without_a_recipe_are_read_checked_and_made_again() {
         files.iter().partition(|file| file.parent().unwrap().ends_with("sweep"));
     assert_eq!(of_sweep.len(), 1);
     says(&told, &[&of_sweep[0].display().to_string(), explained[1]]);
-    let with_mean = ["freq/FREQ_PARAMETER__", "/NULL_PARAMETER__", "/THERMAL_AC_PARAMETER__", "scalar/COIL_SCALAR__"];
+    let with_mean = [
+        "freq/FREQ_PARAMETER__",
+        "table/FREQ_PARAMETER__",
+        "/NULL_PARAMETER__",
+        "/THERMAL_AC_PARAMETER__",
+        "scalar/COIL_SCALAR__",
+    ];
     let differ = [of_noise.as_slice(), &with_mean, &["/THERMISTOR__", "/LINEARISATION__"]].concat();
     let (otherwise, same): (Vec<&PathBuf>, Vec<&PathBuf>) =
         others.into_iter().partition(|file| is_among(&file.display().to_string(), &differ));

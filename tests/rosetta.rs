@@ -501,9 +501,10 @@ fn several_runs_at_the_centre_count_by_their_uncertainties() {
     }
     assert_eq!(parameters(&case.out().join(TPF))["used"].as_array().unwrap().len(), 5);
 
-    // Runs that scatter by more than that: 9e-6 and -16e-6 are chi² = 9 + 16 with one degree of freedom, five times the uncertainty.
+    // Runs that scatter by more than that: 9e-6 and -16e-6 differ by 25e-6, which is one standard deviation if 300e-12 is added to the squares of both
+    // uncertainties, 9e-12 and 16e-12: they are 309e-12 and 316e-12 then.
     case.put("A.CPF", run(9e-6, 3e-6, T1, "01-06-06_09-00-00"));
     case.put("B.CPF", run(-16e-6, 4e-6, T1, "01-06-07_09-00-00"));
     let (found, _) = paired(&case);
-    assert!((number(&found, "centre.sigma_std.0") / 12e-6 - 1.0).abs() < 1e-4);
+    assert!((number(&found, "centre.sigma_std.0") / (309e-12_f64 * 316e-12 / 625e-12).sqrt() - 1.0).abs() < 1e-4);
 }

@@ -308,6 +308,11 @@ pub fn likely_scatter(x: &[f64], y: &[f64], std: &[f64], highest: usize, limits:
         let chi2: f64 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
         let own = if excess(chi2, fitted.dof) > 1.0 { scatter(x, y, std, order, limits)? } else { 0.0 };
         let weights = weights_of(&std.iter().map(|s| s.hypot(own)).collect::<Vec<f64>>(), x.len())?;
+        // Points of equal weight that would tell as much: what runs through all of them is confirmed by none.
+        let effective = weights.iter().sum::<f64>().powi(2) / weights.iter().map(|w| w * w).sum::<f64>();
+        if (order + 1) as f64 > effective - 1.0 {
+            continue;
+        }
         let fitted = polynomial::fit(x, y, Some(&weights), order, limits)?;
         let deviance: f64 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r - w.ln()).sum();
         let parameters = order + 1 + usize::from(own > 0.0);
