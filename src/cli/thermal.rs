@@ -67,7 +67,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let rule = "holds polynomials already";
         return Err(Finding::error(&path.display().to_string(), rule, "name --centre CPF to take them to the centre"));
     }
-    let (files, given_up, campaign_paths) = sort_paths(&paths, terminal)?;
+    let Sorted { files, given_up, campaigns: campaign_paths } = sort_paths(&paths, terminal)?;
     if campaign_paths.is_empty() {
         refuse_without_runs(arguments)?;
     }
@@ -83,7 +83,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     for exclusion in &arguments.excluding.exclude {
         let left_out = input.leave_out(exclusion)?;
         left_out.iter().for_each(|file| terminal.warning(&format!("{file} is left out: {}", exclusion.reason)));
-        let is_given_up = given_up.iter().any(|run| *run == exclusion.run);
+        let is_given_up = given_up.contains(&exclusion.run);
         missing.exclude.retain(|e| e != exclusion || (left_out.is_empty() && !is_given_up));
     }
     let campaigns = if campaign_paths.is_empty() {
@@ -385,9 +385,19 @@ fn publish_runs(measured: &[Measured], desk: &Desk, terminal: &Terminal, failure
     }
 }
 
-/// Parameter files, the runs of those that the index of their folder gives up, and what holds runs.
-fn sort_paths(paths: &[PathBuf], terminal: &Terminal) -> Result<(Vec<PathBuf>, Vec<String>, Vec<PathBuf>), Finding> {
-    let (mut files, mut given_up, mut campaigns) = (Vec::new(), Vec::new(), Vec::new());
+/// What the named paths hold.
+#[derive(Default)]
+struct Sorted {
+    /// Parameter files.
+    files: Vec<PathBuf>,
+    /// Runs whose files the index of their folder gives up.
+    given_up: Vec<String>,
+    /// What holds runs.
+    campaigns: Vec<PathBuf>,
+}
+
+fn sort_paths(paths: &[PathBuf], terminal: &Terminal) -> Result<Sorted, Finding> {
+    let Sorted { mut files, mut given_up, mut campaigns } = Sorted::default();
     for path in paths {
         if is_parameter_file(path) {
             files.push(path.clone());
@@ -409,7 +419,7 @@ fn sort_paths(paths: &[PathBuf], terminal: &Terminal) -> Result<(Vec<PathBuf>, V
             campaigns.push(path.clone());
         }
     }
-    Ok((files, given_up, campaigns))
+    Ok(Sorted { files, given_up, campaigns })
 }
 
 /// The files that the index of their folder does not give up, since their runs are gone, refused or left out; of a run with two calibrations that of

@@ -138,7 +138,7 @@ pub(super) fn demean(residual: &mut [Vec<f64>; 3], windows: &[[usize; 2]]) {
 
 /// Parts of the samples of all axes, which lie one after the other, for threads that change them beside each other. What two
 /// parts share belongs to the later one.
-fn parts_mut<'a>(axes: &'a mut [Vec<f64>; 3], parts: impl DoubleEndedIterator<Item = [usize; 2]>) -> Vec<[&'a mut [f64]; 3]> {
+fn parts_mut(axes: &mut [Vec<f64>; 3], parts: impl DoubleEndedIterator<Item = [usize; 2]>) -> Vec<[&mut [f64]; 3]> {
     let mut left = axes.each_mut().map(Vec::as_mut_slice);
     let last = |[from, to]: [usize; 2]| {
         left.each_mut().map(|left| {
