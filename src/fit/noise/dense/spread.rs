@@ -127,7 +127,11 @@ pub(super) fn may_grow(
     let mean = scatter.mean();
     let centred = squares.add_scalar(-squares.mean());
     let score = centred.dot(&scatter) / mean / (2.0 * centred.norm_squared()).sqrt();
-    let is_small = MOST_OF_A_SOURCE * readings.amax() < mean.sqrt();
+    // Of the smaller half of the readings, which a source hardly makes scatter.
+    let usual = median(&mut squares.iter().copied().collect::<Vec<f64>>());
+    let of_small: Vec<f64> = squares.iter().zip(&scatter).filter(|(u, _)| **u <= usual).map(|(_, s)| *s).collect();
+    let quiet = of_small.iter().sum::<f64>() / of_small.len() as f64;
+    let is_small = MOST_OF_A_SOURCE * readings.amax() < quiet.sqrt();
     ((n < MANY_ROWS && !is_small) || score > SUGGESTED).then_some(squares)
 }
 
