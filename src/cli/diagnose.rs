@@ -1,6 +1,6 @@
 //! `calfit diagnose`: find what the model misses.
 
-use super::options::{Excluding, without_excluded};
+use super::options::{Excluding, refuse_given, without_excluded};
 use super::output::{Terminal, json};
 use super::{Common, Status, open_without, refused, report_failures, status};
 use crate::data::error::Finding;
@@ -182,14 +182,13 @@ fn flight(path: &Path, arguments: &Arguments, common: &Common, terminal: &Termin
 /// Options that say how runs are looked at need runs.
 fn refuse_without_runs(arguments: &Arguments) -> Result<(), Finding> {
     arguments.excluding.check(&[])?;
-    let named = [("--facility", &arguments.facility), ("--temperature", &arguments.temperature), ("--model", &arguments.model)];
-    match named.into_iter().find(|(_, file)| file.is_some()) {
-        Some((option, _)) => {
-            let rule = "changes nothing where only tables and parameter files are named";
-            Err(Finding::error(option, rule, "name the runs, or leave it out"))
-        }
-        None => Ok(()),
-    }
+    let given = [
+        ("--facility", arguments.facility.is_some()),
+        ("--temperature", arguments.temperature.is_some()),
+        ("--model", arguments.model.is_some()),
+    ];
+    let rule = "changes nothing where only tables and parameter files are named";
+    refuse_given(&given, rule, "name the runs, or leave it out")
 }
 
 /// Tables of amplitudes, one after the other.

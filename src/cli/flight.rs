@@ -1,5 +1,6 @@
 //! `calfit flight`: telemetry to calibrated levels.
 
+use super::options::refuse_given;
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
@@ -157,13 +158,8 @@ fn refuse_of_levels(arguments: &Arguments) -> Result<(), Finding> {
         ("--carry", arguments.carry.is_some()),
         ("--hk", arguments.hk),
     ];
-    match given.into_iter().find(|(_, is_given)| *is_given) {
-        Some((option, _)) => {
-            let rule = format!("changes nothing of `{}`, which is of all sensors and days", arguments.what);
-            Err(Finding::error(option, rule, "leave it out"))
-        }
-        None => Ok(()),
-    }
+    let rule = format!("changes nothing of `{}`, which is of all sensors and days", arguments.what);
+    refuse_given(&given, &rule, "leave it out")
 }
 
 fn carry(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {

@@ -210,6 +210,17 @@ fn axis_limit(text: &str) -> Result<(usize, f64), ValueError> {
     if limit.is_finite() && limit > 0.0 { Ok((axis, limit)) } else { Err(ValueError::LimitSign) }
 }
 
+/// Refuses the first of some options that was given where it would change nothing.
+///
+/// # Errors
+/// That option with the rule and the remedy.
+pub(super) fn refuse_given(options: &[(&str, bool)], rule: &str, remedy: &str) -> Result<(), Finding> {
+    match options.iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => Err(Finding::error(option, rule, remedy)),
+        None => Ok(()),
+    }
+}
+
 /// What is left out by hand.
 #[derive(Args, Clone, Debug, Default)]
 pub(super) struct Excluding {

@@ -1,6 +1,6 @@
 //! `calfit thermal`: temperature polynomials across the runs of every sensor and mode.
 
-use super::options::{Excluding, Order, Runs, Sweeping, without_excluded};
+use super::options::{Excluding, Order, Runs, Sweeping, refuse_given, without_excluded};
 use super::output::{Terminal, json};
 use super::{Common, Status, open_without, refused, report_failures, status};
 use crate::data::across::CalibratedRun;
@@ -199,13 +199,7 @@ fn refuse_without_runs(arguments: &Arguments) -> Result<(), Finding> {
         ("--lag", sweeping.lag != usual.lag),
         ("--joint", arguments.joint),
     ];
-    match given.into_iter().find(|(_, is_given)| *is_given) {
-        Some((option, _)) => {
-            let rule = "changes nothing where only parameter files are named";
-            Err(Finding::error(option, rule, "name the runs, or leave it out"))
-        }
-        None => Ok(()),
-    }
+    refuse_given(&given, "changes nothing where only parameter files are named", "name the runs, or leave it out")
 }
 
 /// No run has a temperature.

@@ -255,6 +255,19 @@ const UNLIKELY: f64 = 0.01;
 /// what a line by luck brings is a small uncertainty on a wrong one.
 const NO_SCATTER: f64 = 0.001;
 
+/// A polynomial through points with a scatter beside their own standard deviations, with its weights and the squares that it leaves.
+fn scattered(
+    [x, y, std]: [&[f64]; 3],
+    scatter: f64,
+    order: usize,
+    limits: &Limits,
+) -> Result<(Polynomial, Vec<f64>, f64), FitError> {
+    let weights = weights_of(&std.iter().map(|s| s.hypot(scatter)).collect::<Vec<f64>>(), x.len())?;
+    let fitted = polynomial::fit(x, y, Some(&weights), order, limits)?;
+    let chi2 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
+    Ok((fitted, weights, chi2))
+}
+
 /// Standard deviation of a scatter between points, beside their own standard deviations, with which the squares that a polynomial of an order leaves are
 /// what their degrees of freedom let expect (Paule and Mandel 1982); 0 where they are no more than that without it.
 ///
@@ -262,9 +275,7 @@ const NO_SCATTER: f64 = 0.001;
 /// Those of [`polynomial::fit`] and for standard deviations that are not positive.
 pub fn scatter(x: &[f64], y: &[f64], std: &[f64], order: usize, limits: &Limits) -> Result<f64, FitError> {
     let squares = |scatter: f64| -> Result<f64, FitError> {
-        let weights = weights_of(&std.iter().map(|s| s.hypot(scatter)).collect::<Vec<f64>>(), x.len())?;
-        let fitted = polynomial::fit(x, y, Some(&weights), order, limits)?;
-        let chi2: f64 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
+        let (fitted, _, chi2) = scattered([x, y, std], scatter, order, limits)?;
         Ok(chi2 / fitted.dof.max(1) as f64)
     };
     if squares(0.0)? <= 1.0 {
@@ -281,9 +292,7 @@ pub fn scatter(x: &[f64], y: &[f64], std: &[f64], order: usize, limits: &Limits)
 /// # Errors
 /// Those of [`polynomial::fit`] and for standard deviations that are not positive.
 pub fn times(x: &[f64], y: &[f64], std: &[f64], order: usize, limits: &Limits) -> Result<f64, FitError> {
-    let weights = weights_of(std, x.len())?;
-    let fitted = polynomial::fit(x, y, Some(&weights), order, limits)?;
-    let chi2: f64 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
+    let (fitted, _, chi2) = scattered([x, y, std], 0.0, order, limits)?;
     Ok(if fitted.dof > 0 { (chi2 / fitted.dof as f64).sqrt() } else { 1.0 })
 }
 
@@ -299,22 +308,19 @@ pub const LEAST_FOR_SCATTER: usize = 5;
 pub fn likely_scatter(x: &[f64], y: &[f64], std: &[f64], highest: usize, limits: &Limits) -> Result<f64, FitError> {
     let mut best = (f64::INFINITY, 0.0);
     for order in 0..=highest.min(HIGHEST_ORDER) {
-        let weights = weights_of(std, x.len())?;
-        let fitted = match polynomial::fit(x, y, Some(&weights), order, limits) {
-            Ok(fitted) => fitted,
+        let (fitted, _, chi2) = match scattered([x, y, std], 0.0, order, limits) {
+            Ok(found) => found,
             Err(FitError::Undetermined { .. }) => break,
             Err(error) => return Err(error),
         };
-        let chi2: f64 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
         let own = if excess(chi2, fitted.dof) > 1.0 { scatter(x, y, std, order, limits)? } else { 0.0 };
-        let weights = weights_of(&std.iter().map(|s| s.hypot(own)).collect::<Vec<f64>>(), x.len())?;
+        let (_, weights, chi2) = scattered([x, y, std], own, order, limits)?;
         // Points of equal weight that would tell as much: what runs through all of them is confirmed by none.
         let effective = weights.iter().sum::<f64>().powi(2) / weights.iter().map(|w| w * w).sum::<f64>();
         if (order + 1) as f64 > effective - 1.0 {
             continue;
         }
-        let fitted = polynomial::fit(x, y, Some(&weights), order, limits)?;
-        let deviance: f64 = fitted.residuals.iter().zip(&weights).map(|(r, w)| w * r * r - w.ln()).sum();
+        let deviance = chi2 - weights.iter().map(|w| w.ln()).sum::<f64>();
         let parameters = order + 1 + usize::from(own > 0.0);
         if let Some(value) = aicc(deviance, parameters, x.len())
             && value + TIE < best.0
