@@ -103,6 +103,26 @@ fn the_amplitude_tables_of_2013_name_their_outliers_and_the_response() {
     }
 }
 
+/// Any response follows a handful of amplitudes, so that nothing could stand out of them: that is no clean bill of health.
+#[test]
+fn a_table_of_a_handful_of_amplitudes_is_refused_by_name() {
+    let whole = fs::read_to_string(data("bepicolombo/freq_13-04-03-12-59-48.csv")).unwrap();
+    let is_row = |line: &&str| line.starts_with(|c: char| c.is_ascii_digit());
+    let head: Vec<&str> = whole.lines().take_while(|line| !is_row(line)).collect();
+    let rows: Vec<&str> = whole.lines().filter(is_row).collect();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("freq_few.csv");
+    for count in [1, 2, 4] {
+        let few = rows.iter().step_by(rows.len() / count).take(count).copied();
+        fs::write(&path, head.iter().copied().chain(few).map(|line| format!("{line}\n")).collect::<String>()).unwrap();
+        let output = calfit().args(["diagnose", "--no-plots", "--amplitudes"]).arg(&path).arg("-o").arg(folder.path()).output().unwrap();
+        let told = text(&output.stderr);
+        assert_ne!(output.status.code(), Some(0), "{count} rows: {told}");
+        assert!(told.contains("amplitudes") && told.contains("measure more frequencies"), "{count} rows: {told}");
+        assert!(!folder.path().join("few/diagnosis.json").exists(), "{count} rows");
+    }
+}
+
 /// Sines on all axes, each setting with a phase of its own, through a second order of 50, 55 and 60 Hz and one pole more at `pole_hz`;
 /// `time_s` is what a clock with the time tags of the run has passed.
 fn with_sines(seed: u64, pole_hz: f64, time_s: impl Fn(f64) -> f64) -> Run {

@@ -31,6 +31,14 @@ pub enum DiagnoseError {
         /// Least number of them.
         needed: usize,
     },
+    /// A table of amplitudes that any response would follow.
+    #[error("{found} amplitudes of a component stand out of the noise, {needed} are needed: fewer follow any response")]
+    FewAmplitudes {
+        /// Largest number of a component.
+        found: usize,
+        /// Least number of them.
+        needed: usize,
+    },
     /// None of the responses of few parameters fits.
     #[error("no simple response fits the amplitudes")]
     NoResponse,
@@ -59,7 +67,7 @@ impl DiagnoseError {
             Self::Record(_) | Self::NoNoise | Self::Linear(_) => "plateau means",
             Self::NoSamples => "samples",
             Self::Frequency(_) | Self::NoSamplingFrequency | Self::FewSines { .. } => "sines",
-            Self::NoResponse => "amplitudes",
+            Self::NoResponse | Self::FewAmplitudes { .. } => "amplitudes",
             Self::NoPhases => "phases",
             Self::SingleRuns | Self::NoFreedom => "runs",
             Self::Position(_) => "position",
@@ -71,6 +79,7 @@ impl DiagnoseError {
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::SingleRuns | Self::NoFreedom => "add runs of the same sensor: repeats, other orientations, other temperatures",
+            Self::NoResponse | Self::FewAmplitudes { .. } => "measure more frequencies, from far below the corner to beyond it",
             Self::Position(_) => "fit the run again",
             Self::Linear(_) => "see `calfit lin` for this run",
             _ => "diagnose runs with steps, sweeps, sines or zero field",

@@ -8,6 +8,7 @@
 
 mod candidates;
 mod describe;
+mod in_time;
 mod limits;
 mod lost;
 pub mod model;
@@ -71,7 +72,7 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
         ));
     }
     let simple = with_given(with_small_delay(simple, &sines), &given, &sines);
-    let mut problem = SineSearch { sines: &sines, catalogue: &options.catalogue, base: simple };
+    let mut problem = SineSearch { sines: &sines, catalogue: &options.catalogue, base: simple, ruled_out: Vec::new() };
     if let Some(other) = in_place_of_doubted(&problem, &freq) {
         problem.base = with_given(other, &given, &sines);
     }
@@ -83,6 +84,9 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     found.extend(of_sines);
     let held = fit.held_out(&sines, STRETCH);
     let not_explained = not_explained(fit, &sines, &held);
+    if not_explained.is_some() {
+        found.iter_mut().for_each(Step::doubt);
+    }
     let left = (0..3).map(|axis| map(&sines, axis, false, &held, &held, 0)).collect();
     let scored = problem.scored(fit, &outcome.terms);
     let (not_identifiable, detection_limits) = limits(&scored, &sines, &found, &options.catalogue);

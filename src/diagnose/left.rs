@@ -11,9 +11,9 @@ use crate::model::effects::{Covariate, Spec, TIME, UNKNOWN};
 use nalgebra::{DMatrix, DVector};
 
 /// Slow noise from this many times the white noise on is told as something that is left: less is usual for a good sensor. Slow noise of the gain is not: a
-/// step or drift of the gain looks like it.
+/// step or drift of the gain looks like it, and is told as soon as it is clear and makes a part of the noise at the largest reading.
 const SLOW: f64 = 4.0;
-const SLOW_GAIN: f64 = 2.0;
+const SLOW_GAIN: f64 = 1.2;
 /// Scatter of the means from this many times that of the samples inside them on is not explained by these: where it is white, and where slow
 /// noise that is nearly white makes a part of it.
 const SCATTER: f64 = 1.5;

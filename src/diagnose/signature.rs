@@ -129,7 +129,7 @@ fn signature(effect: EffectRef, example: Example) -> Option<Signature> {
 fn covariate(effect: EffectRef, record: &Record, spec: &Spec, own: &[f64]) -> (String, &'static str, Vec<f64>) {
     let of = |value: &dyn Fn(f64) -> f64| record.rows.iter().map(Row::t_s).map(value).collect();
     if !effect.acts_in(Acts::Samples) {
-        return words::follows(record, own, (effect.is_unknown()).then_some(spec.form.as_str()));
+        return words::follows(record, own, effect.is_unknown().then_some(spec.form.as_str()), true);
     }
     if let Some(period_s) = effect.period_s(spec) {
         return ("time within the period".to_owned(), "s", of(&|t| t.rem_euclid(period_s)));

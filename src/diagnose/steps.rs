@@ -316,9 +316,16 @@ pub(super) fn sufficient(steps: &mut [Step], record: &Record, open: [bool; 3]) {
         // What was found in the samples does not rest on their means.
         let is_open = step.effect.in_samples().is_none() && meets(&open);
         if is_open || (!step.effect.is_unknown() && unknown.iter().any(meets)) {
-            step.wording = "consistent with";
-            step.sentence = sentence(step);
+            step.doubt();
         }
+    }
+}
+
+impl Step {
+    /// Its name is not certain.
+    pub(super) fn doubt(&mut self) {
+        self.wording = "consistent with";
+        self.sentence = sentence(self);
     }
 }
 

@@ -57,9 +57,9 @@ fn not_explained(left: &Left) -> String {
     }
 }
 
-/// The covariate that a contribution follows best: name, unit, values.
+/// The covariate that a contribution follows best, or the one that is given: name, unit, values. Fields of settings before count for what `remembers` them.
 #[must_use]
-pub fn follows(record: &Record, contribution: &[f64], given: Option<&str>) -> (String, &'static str, Vec<f64>) {
+pub fn follows(record: &Record, contribution: &[f64], given: Option<&str>, remembers: bool) -> (String, &'static str, Vec<f64>) {
     let mut all: Vec<Covariate> = Covariate::all(record).into_iter().collect();
     if let Some(found) = given.and_then(|name| all.iter().position(|c| c.name == name)) {
         let c = all.swap_remove(found);
@@ -80,7 +80,8 @@ pub fn follows(record: &Record, contribution: &[f64], given: Option<&str>) -> (S
         };
     // A rate says something where the temperature itself does not: it takes less than half of what any other covariate leaves.
     let cost = |c: &Covariate| left(c) * if c.name.starts_with("rate of") { 2.0 } else { 1.0 };
-    let best = all.iter().filter(|c| !c.gain).min_by(|a, b| cost(a).total_cmp(&cost(b)));
+    let is_open = |c: &&Covariate| !c.gain && (remembers || !c.is_of_history());
+    let best = all.iter().filter(is_open).min_by(|a, b| cost(a).total_cmp(&cost(b)));
     best.map_or_else(
         || ("time".to_owned(), "s", record.rows.iter().map(effects::Row::t_s).collect()),
         |c| (c.name.clone(), c.unit, c.values.clone()),

@@ -151,6 +151,12 @@ pub fn lin(run: &Run, plateaus: &Plateaus, instructions: &Instructions, options:
     };
     let std_ent = calibration.of_facility.as_ref().map_or(&calibration.std, |both| &both.std_combined).b_or_ent;
     notes.extend(judge::moving_offset(&calibration.offset, std_ent));
+    let is_lag_known = options.temperature.as_ref().is_some_and(|polynomials| polynomials.lag.is_some());
+    if let (false, Some(slopes), Some(conditions)) = (is_lag_known, &calibration.slopes, &temperatures.conditions) {
+        let std = calibration.of_facility.as_ref().map_or(&calibration.std, |both| &both.std_combined);
+        let rate = conditions.sensor_rate_k_per_h;
+        notes.extend(rate.and_then(|rate| judge::late_sensor(slopes, std, rate, &conditions.sensor_channel)));
+    }
     let stated = instructions.references.get(&run.header.sensor);
     calibration.reference = stated.and_then(|stated| stated.in_frame_of(&calibration.alignment()).ok());
     Ok(Lin {

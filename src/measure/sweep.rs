@@ -26,7 +26,7 @@ pub use result::{SettingCounts, Sweep, SweepBlock, Turning, WindowFit};
 
 use super::structure;
 use super::thermal::{QuantityFit, band};
-use crate::data::across::{FollowedThermistor, LagDecision, LinearScope};
+use crate::data::across::{FollowedThermistor, LagDecision, LagForm, LinearScope};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::quantity::QuantityFound;
@@ -92,18 +92,22 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     let mut of_temperatures: Vec<Note> = Vec::new();
     let temperatures = Temperatures::of(run, instructions, span_s, &mut of_temperatures);
     let (own, coil) = instructions.channels(&run.header);
+    let asked = Asked::of(run, instructions, options);
     // Between its readings the temperature is a straight line; what is missing of that of the coil system counts for nothing here.
     notes.extend(of_temperatures.into_iter().filter(|note| note.about.as_ref() == Some(&own)));
+    let parameters = asked.usual().linear().count();
+    let too_few = |used: usize| SweepError::TooFew { used, total: list.len(), parameters };
+    if usable.len() < 2 * parameters {
+        return Err(too_few(usable.len()));
+    }
     let channels = thermistors::moving(run, &coil, &usable)?;
     let (_, series) = channels.iter().find(|(name, _)| *name == own).unwrap_or(&channels[0]);
     let is_slow =
         |p: &Plateau| options.most_k_per_min.is_none_or(|most| 60.0 * thermistors::rate_k_per_s(series, p.t_s()).abs() <= most);
     let mut used: Vec<&Plateau> = usable.iter().copied().filter(|p| is_slow(p)).collect();
     let too_fast = usable.len() - used.len();
-    let asked = Asked::of(run, instructions, options);
-    let parameters = asked.usual().linear().count();
     if used.len() < 2 * parameters {
-        return Err(SweepError::TooFew { used: used.len(), total: list.len(), parameters });
+        return Err(too_few(used.len()));
     }
 
     let mut means = Means::of(&used);
@@ -142,7 +146,7 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
             [used.iter().filter(|p| p.used_s[0] < begin_s).count(), used.iter().filter(|p| p.used_s[1] > end_s).count()];
         used.retain(|p| p.used_s[0] >= begin_s && p.used_s[1] <= end_s);
         if used.len() < 2 * parameters {
-            return Err(SweepError::TooFew { used: used.len(), total: list.len(), parameters });
+            return Err(too_few(used.len()));
         }
         means = Means::of(&used);
         let about_s = lag.seconds().abs();
@@ -160,8 +164,12 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
             );
             notes.push(Note::new(NoteKind::Temperature, text).about(channel));
         }
-        // What was not known made one kind of lag look like another.
-        lags[chosen] = thermistors::find_lag(channel, series, &means, linear);
+        // What was not known made one kind of lag look like another. Where the rest shows no lag to a linear model, the fit itself judges the one
+        // that all settings showed.
+        let of_rest = thermistors::find_lag(channel, series, &means, linear);
+        if of_rest.form != LagForm::None {
+            lags[chosen] = of_rest;
+        }
     }
     let problem = Problem { run: &run.header.run, r_nom, used: &used, means: &means, step };
     let settled = lag::settle(&problem, &asked, &course, &lags[chosen], options.lag, known_lag, &mut notes)?;

@@ -123,7 +123,8 @@ fn refusal(place: &str, reason: &DiagnoseError) -> Finding {
 /// The table cannot be read, or its name cannot be a run id.
 pub fn diagnose_table(path: &Path, findings: &mut Vec<Finding>) -> Result<Diagnosed, Finding> {
     let (rows, id, provenance) = super::freq::amplitude_table("diagnose", path, findings)?;
-    Ok(Diagnosed::new(diagnose::freq::table(&rows, &id), provenance))
+    let diagnosis = diagnose::freq::table(&rows, &id).map_err(|reason| refusal(&path.display().to_string(), &reason))?;
+    Ok(Diagnosed::new(diagnosis, provenance))
 }
 
 /// Parameters of runs that are looked at together.

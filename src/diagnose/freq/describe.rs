@@ -6,7 +6,7 @@ use super::problem::{SineSearch, Term};
 use super::sines::{SineOf, Sines};
 use crate::data::units::COMPONENTS;
 use crate::diagnose::problem::Description;
-use crate::diagnose::result::{Gap, Map, Parameter};
+use crate::diagnose::result::{Gap, Map, Parameter, Telling};
 use crate::diagnose::steps::Facts;
 use crate::fit::statistics::median;
 use crate::model::effects::Spec;
@@ -38,11 +38,17 @@ pub(super) fn describe(search: &SineSearch, fit: &Fit, found: &Term, index: usiz
         gaps[0].max_nt,
         gaps[0].max_nt / map.noise_nt
     );
+    let remark = if found.may_be_in_time {
+        " A source whose amplitude drifts with time describes the sines as well: the frequencies go one way, or nearly so.".to_owned()
+    } else {
+        String::new()
+    };
     let facts = Facts {
         axes: names,
         parameters,
         place,
         gaps,
+        telling: Telling { own: None, remark },
         ambiguous_with: found.ambiguous.clone(),
         runners_up: found.runners_up.clone(),
         ..Facts::new(effect, form, found.significance)

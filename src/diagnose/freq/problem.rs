@@ -1,14 +1,14 @@
 //! A response with terms of effects in it as a problem of the search.
 
 use super::candidates::{Refined, Scored, corrected, refined};
-use super::describe;
 use super::model::{EffectTerm, Fit};
 use super::sines::Sines;
+use super::{STRETCH, describe, in_time};
 use crate::diagnose::APART;
 use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::diagnose::result::RunnerUp;
 use crate::diagnose::steps::Significance;
-use crate::model::effects::{Catalogue, EffectRef};
+use crate::model::effects::{Catalogue, EffectRef, UNKNOWN};
 
 /// Two explanations are distinguished by this difference of AICc, which is twice that of the logarithms of likelihoods.
 pub const APART_AICC: f64 = 2.0 * APART;
@@ -18,6 +18,8 @@ pub struct SineSearch<'a> {
     pub sines: &'a Sines,
     pub catalogue: &'a Catalogue,
     pub base: Fit,
+    /// Effects that did not predict what was held out.
+    pub ruled_out: Vec<EffectRef>,
 }
 
 /// A term that was accepted.
@@ -29,6 +31,8 @@ pub struct Term {
     independent: f64,
     pub ambiguous: Vec<EffectRef>,
     pub runners_up: Vec<RunnerUp>,
+    /// A drift of the amplitude describes the sines as well.
+    pub may_be_in_time: bool,
     /// The model before it.
     pub before: Fit,
     /// The model with it and all terms before it.
@@ -66,13 +70,21 @@ impl Problem for SineSearch<'_> {
         Some(best.into_iter().collect())
     }
 
-    /// Settings that are held out are reported, but have no veto, as in reports/blind-study.md.
+    /// Settings that are held out have no veto when a term is added, as in reports/blind-study.md: what comes later may have to stand beside it.
     fn predicts(&self, _: &[Term], _: &[Term]) -> Option<bool> {
         Some(true)
     }
 
-    /// Nothing is ruled out without a veto.
-    fn rule_out(&mut self, _: &Term) {}
+    /// The last term goes if the settings that were held out are predicted better without it: terms before it were fitted without it.
+    fn unconfirmed(&self, fit: &Fit, chosen: &[Term]) -> Option<Option<usize>> {
+        let Some(last) = chosen.len().checked_sub(1) else { return Some(None) };
+        let squares = |fit: &Fit| fit.held_out(self.sines, STRETCH).norm_squared();
+        Some((squares(&chosen[last].before) < squares(fit)).then_some(last))
+    }
+
+    fn rule_out(&mut self, term: &Term) {
+        self.ruled_out.push(term.term.effect);
+    }
 
     /// An effect that was found is not looked for again.
     fn belong_together(&self, _: &Term, _: &Term) -> bool {
@@ -118,7 +130,7 @@ impl SineSearch<'_> {
 
     /// The candidates beside a model with these terms.
     pub fn scored(&self, fit: &Fit, chosen: &[Term]) -> Scored {
-        let found: Vec<EffectRef> = chosen.iter().map(|t| t.term.effect).collect();
+        let found: Vec<EffectRef> = chosen.iter().map(|t| t.term.effect).chain(self.ruled_out.iter().copied()).collect();
         Scored::new(fit, self.sines, self.catalogue, &found, Self::FALSE_ALARM)
     }
 
@@ -136,6 +148,14 @@ impl SineSearch<'_> {
             log_ratio: 0.5 * (best.aicc - r.aicc),
             correlation: fit.correlation(best, r, self.sines),
         };
+        let in_time = in_time::rival(fit, best, self.sines);
+        let may_be_in_time = in_time.is_some();
+        let mut ambiguous: Vec<EffectRef> = rivals.iter().filter(is_near).map(Refined::effect).collect();
+        if may_be_in_time && !ambiguous.contains(&UNKNOWN) {
+            ambiguous.push(UNKNOWN);
+        }
+        let mut runners_up: Vec<RunnerUp> = rivals.iter().map(runner_up).chain(in_time).collect();
+        runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
         Some(Term {
             term: best.term.clone(),
             significance: Significance {
@@ -145,8 +165,9 @@ impl SineSearch<'_> {
                 strength_k: ((fit.chi2 - best.fit.chi2) / noise).max(0.0).sqrt(),
             },
             independent: scored.independent,
-            ambiguous: rivals.iter().filter(is_near).map(Refined::effect).collect(),
-            runners_up: rivals.iter().map(runner_up).collect(),
+            ambiguous,
+            runners_up,
+            may_be_in_time,
             before: fit.clone(),
             fit: best.fit.clone(),
         })

@@ -2,6 +2,7 @@
 
 use crate::data::tables::AmplitudeRow;
 use crate::data::units::COMPONENTS;
+use crate::diagnose::DiagnoseError;
 use crate::diagnose::result::{Diagnosis, Gap, Map, NotIdentifiable, Parameter, Pictures, Step, Telling, VerdictKind};
 use crate::diagnose::steps::{Facts, Name, Significance};
 use crate::diagnose::words;
@@ -12,18 +13,23 @@ use crate::model::effects::{Catalogue, EffectRef, Spec};
 
 /// Rows of a table with less weight in the response are outliers.
 const OUTLIER: f64 = 0.5;
+/// Amplitudes beyond the parameters of a response without which nothing can stand out: one that is wrong and two that disagree with it.
+const FEWEST_BEYOND: usize = 3;
 
 /// Diagnoses a table of amplitudes; `id` names it.
-#[must_use]
-pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
+///
+/// # Errors
+/// The table has so few amplitudes that any would follow a response.
+pub fn table(rows: &[AmplitudeRow], id: &str) -> Result<Diagnosis, DiagnoseError> {
     let freq = analysis::from_table(rows, id);
+    is_overdetermined(rows, &freq)?;
     let outliers = outliers(rows, &freq);
     let noise_ent: [f64; 3] =
         std::array::from_fn(|i| freq.corner.components[i].model.as_ref().map_or(f64::NAN, |m| m.residual_std_ent));
     let maps = maps(rows, &freq, &outliers);
     let steps: Vec<Step> = if outliers.is_empty() { Vec::new() } else { vec![step(rows, &freq, &outliers, noise_ent)] };
     let pictures = Pictures { left: if steps.is_empty() { maps.clone() } else { Vec::new() }, ..Pictures::default() };
-    Diagnosis {
+    Ok(Diagnosis {
         format: "diagnosis",
         version: 1,
         runs: vec![id.to_owned()],
@@ -42,7 +48,16 @@ pub fn table(rows: &[AmplitudeRow], id: &str) -> Diagnosis {
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
         maps,
         pictures,
-    }
+    })
+}
+
+/// At least one component has more amplitudes than its response can follow.
+fn is_overdetermined(rows: &[AmplitudeRow], freq: &Freq) -> Result<(), DiagnoseError> {
+    let amplitudes = |i: usize| (0..rows.len()).filter(|row| freq.amplitude[*row].detected[i]).count();
+    let found = (0..3).map(amplitudes).max().unwrap_or(0);
+    let of_component = |component: &Component| component.model.as_ref().map(|m| 1 + m.parameters.len() + FEWEST_BEYOND);
+    let needed = freq.corner.components.iter().filter_map(of_component).min().ok_or(DiagnoseError::NoResponse)?;
+    if found < needed { Err(DiagnoseError::FewAmplitudes { found, needed }) } else { Ok(()) }
 }
 
 /// A row that does not follow the response, by its index, in words.

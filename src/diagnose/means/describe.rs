@@ -50,7 +50,9 @@ impl Contribution {
         let q = prepared.design.clone().qr().q();
         let own = contribution.rows(axis * n, n).into_owned();
         let own_ent: Vec<f64> = (&own - &q * q.tr_mul(&own)).iter().copied().collect();
-        let (covariate, unit, x) = words::follows(&prepared.record, &own_ent, candidate.covariate.as_deref());
+        let own_covariate = candidate.covariate.clone().or_else(|| candidate.effect.shown_along(&candidate.spec));
+        let remembers = candidate.effect.about().family == Family::History;
+        let (covariate, unit, x) = words::follows(&prepared.record, &own_ent, own_covariate.as_deref(), remembers);
         Self { axis, own_ent, covariate, unit, x }
     }
 
@@ -62,7 +64,7 @@ impl Contribution {
         format!(
             "{}, where the {} is {} {}: up to {size_nt:.3} nT ({:.1} noise)",
             COMPONENTS[self.axis],
-            self.covariate,
+            self.covariate.trim_start_matches(GAIN_WITH),
             six_digits(self.x[most]),
             self.unit,
             size_nt / noise_nt.max(f64::MIN_POSITIVE)
@@ -89,11 +91,10 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let nt_per_ent = means.prepared.nt_per_ent[axis];
     let row_std = means.row_std(model, &all);
     let noise_nt = row_std.iter().map(|s| s[axis]).sum::<f64>() / means.rows() as f64 * nt_per_ent;
-    let reading_ent: Option<Vec<f64>> = candidate
+    let reading_ent: Option<Vec<f64>> = contribution
         .covariate
-        .as_ref()
-        .filter(|covariate| covariate.starts_with(GAIN_WITH))
-        .map(|_| means.prepared.record.rows.iter().map(|row| row.linear_ent[axis]).collect());
+        .starts_with(GAIN_WITH)
+        .then(|| means.prepared.record.rows.iter().map(|row| row.linear_ent[axis]).collect());
     let shape = if candidate.effect.is_unknown() {
         let own_ent: Vec<f64> =
             contribution.own_ent.iter().zip(after.residual_ent.column(axis).iter()).map(|(own, left)| own + left).collect();
@@ -125,20 +126,26 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let in_time = in_time::rivals(means, &without, candidate, &own_group, &score);
     let apart = each_axis::rival(means, &without, candidate, &own_group, &score);
     let one_plateau_s = one_plateau_s(means, &without, (&others, candidate), &contribution, &score);
-    let is_doubted = has_near_rival
-        || one_plateau_s.is_some()
-        || !in_time.is_empty()
-        || apart.is_some()
-        || !is_apart_from_zero(candidate, &parameters)
-        || rivals.has_family_twin()
-        || has_twin_beside(candidate, &others)
-        || begins_with_large_field(&means.prepared.record, candidate);
+    // Why the name is not certain where no rival that is listed says it.
+    let doubts = [
+        (!is_apart_from_zero(candidate, &parameters), "No size of its form stands out of its own uncertainty."),
+        (rivals.has_family_twin(), "Another curve of the reading is so much like it that a real one may be either."),
+        (has_twin_beside(candidate, &others), "Another curve of the same axis is named beside it: together they may stand for one that is neither."),
+        (
+            begins_with_large_field(&means.prepared.record, candidate),
+            "It begins with the largest field for many settings: a hysteresis that remembers it looks the same.",
+        ),
+    ];
+    let doubts: Vec<&str> = doubts.into_iter().filter(|(is_so, _)| *is_so).map(|(_, why)| why).collect();
+    let is_doubted =
+        has_near_rival || one_plateau_s.is_some() || !in_time.is_empty() || apart.is_some() || !doubts.is_empty();
     let mut ambiguous_with = rivals.ambiguous();
-    let is_not_alone = !in_time.is_empty() || apart.is_some();
-    if is_not_alone && !candidate.effect.is_unknown() && !ambiguous_with.contains(&UNKNOWN) {
-        ambiguous_with.push(UNKNOWN);
+    for other in in_time.iter().map(|(effect, _)| *effect).chain(apart.iter().map(|_| UNKNOWN)) {
+        if !candidate.effect.is_unknown() && !ambiguous_with.contains(&other) {
+            ambiguous_with.push(other);
+        }
     }
-    let names: Vec<&str> = in_time.iter().map(|r| r.effect.as_str()).collect();
+    let names: Vec<&str> = in_time.iter().map(|(_, r)| r.effect.as_str()).collect();
     let mut remark = match names.as_slice() {
         [] => String::new(),
         _ => format!(" These describe the data as well in its place: {}.", names.join(", ")),
@@ -152,7 +159,8 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         remark
             .push_str(" The axes do not do it together: with a size of its own for each of them the data are described better.");
     }
-    runners_up.extend(in_time.into_iter().chain(apart));
+    doubts.iter().for_each(|why| remark.push_str(&format!(" {why}")));
+    runners_up.extend(in_time.into_iter().map(|(_, r)| r).chain(apart));
     runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
     let facts = Facts {
         parameters,

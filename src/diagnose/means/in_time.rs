@@ -1,5 +1,6 @@
-//! What goes with time, or with a rate, in place of what a term follows. A temperature that moves evenly, or along one bend, is the time under another name: a
-//! drift of the gain, or a step in it, makes the same of the readings.
+//! What goes with time, or with a rate, in place of what a term follows, and the other way round. A temperature that moves evenly, or along one bend, is the
+//! time under another name: a drift of the gain, or a step in it, makes the same of the readings. A drift may be an offset that follows its temperature while
+//! the thermistor does so later.
 
 use super::{Means, MeansModel};
 use crate::data::run::interpolate;
@@ -10,44 +11,54 @@ use crate::fit::scan::{ABSORBED, Fitted, Group, Score};
 use crate::fit::smooth::Course;
 use crate::model::effects::coil_temperature::LAG;
 use crate::model::effects::record::Channel;
-use crate::model::effects::{Column, Covariate, GAIN_WITH, Record, Spec, TIME, UNKNOWN};
+use crate::model::effects::sensor_temperature_offset::SensorTemperatureOffset;
+use crate::model::effects::{Column, Covariate, EffectRef, Family, GAIN_WITH, Record, Spec, TIME, UNKNOWN};
 
 /// Equal parts of the run between which a step is tried.
 const STEPS: usize = 12;
 
-/// A course of time in words, and what it makes of the readings.
+/// A course of time in words, the effect that makes it, and what it makes of the readings.
 struct InTime {
+    effect: EffectRef,
     name: String,
     candidate: Candidate,
     /// Forms that were tried for it.
     tried: usize,
 }
 
-/// The courses of time that describe the readings as well as a term does, the best of each kind; `group` and `score` are those of the term
-/// beside the model without it. They are told by the data alone, whatever their prior.
-pub(super) fn rivals(means: &Means, without: &MeansModel, candidate: &Candidate, group: &Group, score: &Score) -> Vec<RunnerUp> {
+/// The courses of time that describe the readings as well as a term does, the best of each kind, each with the effect that makes it; `group` and `score` are
+/// those of the term beside the model without it. They are told by the data alone, whatever their prior.
+pub(super) fn rivals(
+    means: &Means,
+    without: &MeansModel,
+    candidate: &Candidate,
+    group: &Group,
+    score: &Score,
+) -> Vec<(EffectRef, RunnerUp)> {
     let record = &means.prepared.record;
-    let mut rivals: Vec<RunnerUp> = Vec::new();
-    for InTime { name, candidate, tried } in in_time(record, candidate) {
+    let mut rivals: Vec<(EffectRef, RunnerUp)> = Vec::new();
+    for InTime { effect, name, candidate, tried } in in_time(record, candidate) {
         let own = means.group(without, &candidate);
         if own.surviving <= ABSORBED || own.count() == 0 {
             continue;
         }
         let log_ratio = without.fitted.score(&own).evidence - (tried as f64).ln() - score.evidence;
         let correlation = Fitted::correlation(&own, group);
-        match rivals.iter_mut().find(|r| r.effect == name) {
-            Some(known) if known.log_ratio >= log_ratio => {}
-            Some(known) => *known = RunnerUp { effect: name, log_ratio, correlation },
-            None => rivals.push(RunnerUp { effect: name, log_ratio, correlation }),
+        match rivals.iter_mut().find(|(_, r)| r.effect == name) {
+            Some((_, known)) if known.log_ratio >= log_ratio => {}
+            Some((_, known)) => *known = RunnerUp { effect: name, log_ratio, correlation },
+            None => rivals.push((effect, RunnerUp { effect: name, log_ratio, correlation })),
         }
     }
-    rivals.retain(|r| r.log_ratio > -APART);
+    rivals.retain(|(_, r)| r.log_ratio > -APART);
     rivals
 }
 
 fn in_time(record: &Record, candidate: &Candidate) -> Vec<InTime> {
     if candidate.effect.is_unknown() {
         smooth(record, candidate).into_iter().chain(jumps(record, candidate)).collect()
+    } else if candidate.effect.about().family == Family::Time {
+        late_thermistor(record, candidate).into_iter().collect()
     } else {
         of_temperature(record, candidate).into_iter().chain(rates(record, candidate)).collect()
     }
@@ -61,7 +72,7 @@ fn smooth(record: &Record, candidate: &Candidate) -> Option<InTime> {
     let covariate = Covariate::all(record).into_iter().find(|c| c.name == name && c.name != own)?;
     let (spec, columns) = covariate.close(record, axis)?;
     let candidate = Candidate::of_readings(UNKNOWN, spec, columns);
-    Some(InTime { name: candidate.key.clone(), candidate, tried: 1 })
+    Some(InTime { effect: UNKNOWN, name: candidate.key.clone(), candidate, tried: 1 })
 }
 
 /// Steps in time on the axis of an unknown function, or of the gain of the axis.
@@ -73,7 +84,7 @@ fn jumps(record: &Record, candidate: &Candidate) -> Vec<InTime> {
         let column =
             Column::on("s", *axis, "1", record, |_, row| step(row.t_s()) * if is_gain { row.linear_ent[*axis] } else { 1.0 });
         let candidate = Candidate::of_readings(UNKNOWN, Spec::new(STEP, &[*axis]), vec![column]);
-        InTime { name: candidate.key.clone(), candidate, tried: STEPS - 1 }
+        InTime { effect: UNKNOWN, name: candidate.key.clone(), candidate, tried: STEPS - 1 }
     };
     steps_s(record).map(of).collect()
 }
@@ -96,7 +107,7 @@ fn of_temperature(record: &Record, candidate: &Candidate) -> Vec<InTime> {
     let of = |name: &str, courses: &[&dyn Fn(f64) -> f64], tried: usize| {
         let columns: Vec<_> = courses.iter().map(|course| columns(*course)).collect::<Option<Vec<_>>>()?.concat();
         let candidate = Candidate::of_readings(UNKNOWN, Spec::new(name, &spec.axes), columns);
-        Some(InTime { name: format!("{UNKNOWN}: {name}"), candidate, tried })
+        Some(InTime { effect: UNKNOWN, name: format!("{UNKNOWN}: {name}"), candidate, tried })
     };
     // What does not move with the temperatures does not follow one.
     let still = of(STILL, &[&|_| 0.0], 1);
@@ -127,9 +138,22 @@ fn rates(record: &Record, candidate: &Candidate) -> Vec<InTime> {
         let columns = candidate.effect.columns(&with_course(record, &|t_s| interpolate(&rates, t_s)), &spec)?;
         let name = format!("rate of the {name} temperature");
         let candidate = Candidate::of_readings(UNKNOWN, Spec::new(&name, &spec.axes), columns);
-        Some(InTime { name: format!("{UNKNOWN}: {name}"), candidate, tried: channels.len() })
+        Some(InTime { effect: UNKNOWN, name: format!("{UNKNOWN}: {name}"), candidate, tried: channels.len() })
     };
     channels.iter().filter_map(of).collect()
+}
+
+/// An offset that follows the temperature of the sensor, whose thermistor shows it later or earlier: the temperature, and its rate.
+fn late_thermistor(record: &Record, candidate: &Candidate) -> Option<InTime> {
+    const LATE: &str = "the temperature with its rate, as that of a late thermistor";
+    let effect = EffectRef::new(&SensorTemperatureOffset);
+    let Channel { course, values, mean, .. } = record.sensor.as_ref()?;
+    let rates: Vec<(f64, f64)> = course.series.iter().zip(&course.rate_per_s).map(|((t, _), rate)| (*t, *rate)).collect();
+    let axes = &candidate.spec.axes;
+    let now = axes.iter().map(|a| Column::on("b", *a, record.scale.per_kelvin(), record, |i, _| values[i] - mean));
+    let moving = axes.iter().map(|a| Column::on("rate", *a, "1", record, |_, row| interpolate(&rates, row.t_s())));
+    let candidate = Candidate::of_readings(effect, Spec::new(LATE, axes), now.chain(moving).collect());
+    Some(InTime { effect, name: format!("{effect}: {LATE}"), candidate, tried: 1 })
 }
 
 /// Names of the forms with a step, and with temperatures that do not move.

@@ -2,7 +2,7 @@
 
 use super::fit::Means;
 use super::result::Block;
-use crate::data::calibration::OffsetTrend;
+use crate::data::calibration::{LinearStd, OffsetTrend, TemperatureSlopes};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateau;
 use crate::data::result::Summary;
@@ -25,6 +25,8 @@ const ROUNDING: f64 = 1e-12;
 
 /// An offset that moves within the run to either side of its mean by so many times what noise makes of its trend is told.
 const MOVES: f64 = 5.0;
+/// What a lag of a minute changes is told beyond this many uncertainties.
+const LATE: f64 = 5.0;
 
 /// Every plateau with its residual; `weights` are those of the used ones in turn, `before` the readings at the temperatures of the plateaus
 /// where the fit has them at one temperature.
@@ -75,6 +77,28 @@ pub(super) fn moving_offset(offset: &OffsetTrend, std_ent: [f64; 3]) -> Option<N
             told.join(", ")
         );
         Note::new(NoteKind::Method, text).with_remedy("let the sensor settle before the run, or use the offset of a run of the time in question")
+    })
+}
+
+/// Says what it would change if the sensor followed its thermistor by a minute, as sensors in their boxes do, where that is far more than what is stated; a
+/// run by itself cannot show it. A drift at a steady rate is off by the rate times the lag at every setting.
+pub(super) fn late_sensor(slopes: &TemperatureSlopes, std: &LinearStd, rate_k_per_h: f64, channel: &str) -> Option<Note> {
+    const MINUTES_PER_HOUR: f64 = 60.0;
+    let late_k = rate_k_per_h.abs() / MINUTES_PER_HOUR;
+    let angles = ["xi_xy", "xi_xz", "xi_yz"];
+    let sigma = (0..3).map(|i| (format!("sigma_{}", COMPONENTS[i]), slopes.sigma[i], std.sigma[i]));
+    let all = sigma.chain((0..3).map(|i| (angles[i].to_owned(), slopes.xi_deg[i], std.xi_deg[i])));
+    let (name, times) = all
+        .map(|(name, slope, std)| (name, (slope * late_k / std).abs()))
+        .filter(|(_, times)| times.is_finite())
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    (times > LATE).then(|| {
+        let text = format!(
+            "a sensor that follows {channel} by a minute would be {late_k:.2} K elsewhere, which would change {name} by {times:.0} times its stated \
+             uncertainty: a lag does not show in this run and is not in it"
+        );
+        let remedy = "find the lag with a sweep and name its polynomials with --temperature, or measure at rest";
+        Note::new(NoteKind::Temperature, text).about(channel).with_remedy(remedy)
     })
 }
 

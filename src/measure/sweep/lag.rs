@@ -37,6 +37,8 @@ const TOLD: f64 = 5.0;
 const MINUTE_S: f64 = 60.0;
 /// Temperatures at which polynomials are compared.
 const COMPARED: usize = 5;
+/// Another kind of lag of a smaller probability than this is not told.
+const UNLIKELY: f64 = 0.01;
 
 /// The fit with what its uncertainty is.
 pub(super) struct Settled {
@@ -91,11 +93,14 @@ pub(super) fn settle(
     let (mut lag, mut decision) = begin(screened, choice, of_model);
     let mut declined = None;
     if let (LagDecision::Found, Some(candidate)) = (decision, lag) {
-        match claimed(problem, asked, course, candidate, notes)? {
+        match claimed(problem, asked, course, [candidate, other_kind(screened)], notes)? {
             Claim::Made(settled) => return Ok(*settled),
             Claim::Declined(rival) => declined = Some((candidate, rival)),
         }
         (lag, decision) = (None, LagDecision::NoneClaimed);
+    }
+    if decision == LagDecision::NotLookedFor {
+        declined = self::candidate(screened).map(|lag| (lag, Rival::NotAsked));
     }
     if of_model.is_some() && decision != LagDecision::OfTheModel {
         let text =
@@ -109,7 +114,7 @@ pub(super) fn settle(
     let noise = problem.noise(&fit, &degc, orders)?;
     let influence = fit.influence(None)?;
     let covariance = noise.covariance_of(&influence) + of_thermistor(problem, &fit, course, lag, &degc, &influence);
-    if decision == LagDecision::NoneClaimed {
+    if matches!(decision, LagDecision::NoneClaimed | LagDecision::NotLookedFor) {
         let effect = effect(problem, &fit, course, &noise, &influence, &covariance);
         notes.extend(unclaimed(&screened.channel, declined, effect));
     }
@@ -188,6 +193,7 @@ fn unclaimed(channel: &str, declined: Option<(Lag, Rival)>, effect: Option<Effec
         (Some((lag, rival)), _) => {
             let lag_s = lag.signed_seconds();
             let but = match rival {
+                Rival::NotAsked => "--lag none was given".to_owned(),
                 Rival::Polynomials => "so do polynomials of one order higher".to_owned(),
                 Rival::Readings { t_s } => {
                     format!(
@@ -204,7 +210,8 @@ fn unclaimed(channel: &str, declined: Option<(Lag, Rival)>, effect: Option<Effec
         }
         (None, Some(effect)) if effect.hidden_s * effect.per_s > TOLD => {
             let hidden = seconds(effect.hidden_s);
-            let text = format!("no lag behind {channel} is claimed, but one of up to {hidden} s would not show in this run");
+            let drift = if effect.hidden_s < LONGEST_HIDDEN_S { "" } else { ", nor would a gain or a thermistor that drifts with time" };
+            let text = format!("no lag behind {channel} is claimed, but one of up to {hidden} s would not show in this run{drift}");
             (text, effect.hidden_s.min(MINUTE_S))
         }
         (None, _) => return None,
@@ -241,6 +248,14 @@ fn candidate(screened: &ThermistorLag) -> Option<Lag> {
     }
 }
 
+/// The lag of the other kind, which a linear model prefers less.
+fn other_kind(screened: &ThermistorLag) -> Lag {
+    match screened.form {
+        LagForm::Delay => Lag::time_constant(screened.time_constant_s),
+        _ => Lag::Delay(screened.delay_s),
+    }
+}
+
 /// The lag that a fit of a sweep begins with; one that a linear model shows is not claimed yet.
 fn begin(screened: &ThermistorLag, choice: LagChoice, of_model: Option<Lag>) -> (Option<Lag>, LagDecision) {
     match (choice, of_model) {
@@ -264,8 +279,10 @@ pub(super) fn possible(screened: &ThermistorLag, choice: LagChoice, of_model: Op
     }
 }
 
-/// What explains the readings as well as a lag does.
+/// Why a lag that explains the readings is not claimed, mostly something else that explains them as well.
 enum Rival {
+    /// Nobody asked for one.
+    NotAsked,
     /// Polynomials of one order higher.
     Polynomials,
     /// A wrong reading of the thermistor at this time, s since the run's start: without the settings beside it no lag is left.
@@ -321,12 +338,12 @@ fn drift(problem: &Problem, fit: &SensorFit, degc: &[f64], orders: Orders) -> Op
 }
 
 /// The fit with a lag, if it is significant beside polynomials of one order higher, all along the run, and no worse than a drift of the
-/// thermistor.
+/// thermistor. The first of two kinds is that of a linear model; the second one goes before it where the fit itself likes it better.
 fn claimed(
     problem: &Problem,
     asked: &Asked,
     course: &Course,
-    candidate: Lag,
+    [candidate, other]: [Lag; 2],
     notes: &mut Vec<Note>,
 ) -> Result<Claim, SweepError> {
     let orders = asked.choose(problem, &problem.means.degc(&candidate.of(course)))?;
@@ -336,13 +353,21 @@ fn claimed(
     let given_degc = problem.means.degc(&course.series);
     let without = problem.fit(&given_degc, above)?;
     let gain = problem.deviance(&without) - problem.deviance(&higher.fit);
-    let Ok(own) = lagged(problem, course, candidate, orders) else { return declined(Rival::Polynomials) };
+    let Ok(first) = lagged(problem, course, candidate, orders) else { return declined(Rival::Polynomials) };
+    let (own, other) = match lagged(problem, course, other, orders) {
+        Ok(second) if problem.deviance(&second.fit) < problem.deviance(&first.fit) => (second, Some(first)),
+        Ok(second) => (first, Some(second)),
+        Err(_) => (first, None),
+    };
     let noise = problem.noise(&own.fit, &own.degc, orders)?;
     let uncertain = |lagged: &Lagged, influence: &[DMatrix<f64>; 3]| {
         let Lagged { fit, lag, degc, .. } = lagged;
         noise.covariance_of(influence) + of_thermistor(problem, fit, course, Some(*lag), degc, influence)
     };
-    let covariance = uncertain(&own, &own.fit.influence(Some(&own.slope))?);
+    let mut covariance = uncertain(&own, &own.fit.influence(Some(&own.slope))?);
+    if let Some(other) = other {
+        notes.extend(of_kind(problem, &own, &other, &mut covariance));
+    }
     let std_s = covariance[(own.fit.count(), own.fit.count())].sqrt();
     let higher_std_s = uncertain(&higher, &of_lag(&higher.fit.influence(Some(&higher.slope))?))[(0, 0)].sqrt();
     let (lag_s, higher_s) = (own.lag.signed_seconds(), higher.lag.signed_seconds());
@@ -374,6 +399,32 @@ fn claimed(
     let applied = applied(Some(own.lag), Some(std_s), LagDecision::Found);
     let moved = own.lag.of(course);
     Ok(Claim::Made(Box::new(Settled { fit: own.fit, orders, degc: own.degc, moved, noise, covariance, applied })))
+}
+
+/// Adds to the covariance of a fit what another kind of lag would change, by the probability that it is that one; says so where this is not small. The
+/// lag itself has another meaning there, and keeps its own uncertainty.
+fn of_kind(problem: &Problem, own: &Lagged, other: &Lagged, covariance: &mut DMatrix<f64>) -> Option<Note> {
+    let part = 1.0 / (1.0 + (0.5 * (problem.deviance(&other.fit) - problem.deviance(&own.fit))).exp());
+    let mut change = DVector::zeros(covariance.nrows());
+    for k in 0..QUANTITIES.len() {
+        let by = DVector::from_vec(other.fit.coefficients(k)) - DVector::from_vec(own.fit.coefficients(k));
+        change.rows_mut(own.fit.range(k).start, by.len()).copy_from(&by);
+    }
+    *covariance += part * &change * change.transpose();
+    let named = |lag: Lag| match lag {
+        Lag::Delay(delay_s) => format!("a delay of {} s", seconds(delay_s)),
+        Lag::FirstOrder(tau_s) | Lag::InverseFirstOrder(tau_s) => format!("a time constant of {} s", seconds(tau_s)),
+    };
+    (part > UNLIKELY).then(|| {
+        let text = format!(
+            "{} and {} explain the readings nearly alike, the latter with a probability of {:.0} %: the polynomials are those with the former, and \
+             their uncertainties contain what the latter would change",
+            named(own.lag),
+            named(other.lag),
+            100.0 * part
+        );
+        Note::new(NoteKind::Temperature, text).with_remedy("give the lag with --lag if its kind is known, or let the temperature rest and move")
+    })
 }
 
 /// The fit in which the lag is a parameter, from a lag near by.

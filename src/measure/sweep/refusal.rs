@@ -63,7 +63,7 @@ impl SweepError {
             SweepError::Facility(error) => error.remedy(),
             SweepError::Implausible(error) => error.remedy(),
             SweepError::NoTemperature => "check the temperature channels of the run",
-            SweepError::TooFew { .. } => "sweep longer, or with lower orders",
+            SweepError::TooFew { .. } => "sweep longer, with lower orders or within the limits of campaign.toml",
             SweepError::Fit(_) | SweepError::Joint(_) | SweepError::NoSensor { .. } => {
                 "check the directions of the fields and the readings"
             }

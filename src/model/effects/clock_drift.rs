@@ -150,9 +150,7 @@ impl SineTerm for InTime {
     fn add(&self, p: &[f64], run: &SineRun, j: usize, _i: usize, to: &mut Triple) {
         let f = run.settings[j].frequency_hz;
         let (length, u) = (run.length_s, run.settings[j].middle_s / run.length_s);
-        // A defect that stays as long as no result may change: in a fit with terms behind this one their parameters are taken for further
-        // coefficients. Only the first `self.0` are its own.
-        for (k, c) in p.iter().enumerate() {
+        for (k, c) in p.iter().take(self.0).enumerate() {
             let power = (k + 1) as i32;
             to[1] -= TAU * f * 1e-6 * c * length * u.powi(power + 1) / f64::from(power + 1);
             to[2] -= TAU * f * 1e-6 * c * u.powi(power);

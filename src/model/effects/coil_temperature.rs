@@ -4,7 +4,7 @@ use super::between::{self, BETWEEN_RUNS, BetweenRuns, Cause, Runs, TOGETHER_AND_
 use super::one;
 use super::record::{Channel, centred, delayed};
 use super::{
-    About, Acts, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen, singly_and_together,
+    About, Acts, Column, Effect, Family, GAIN_WITH, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen, singly_and_together,
 };
 use crate::data::run::Kind;
 use crate::data::units::COMPONENTS;
@@ -54,6 +54,10 @@ impl Effect for CoilTemperature {
 
     fn shape(&self) -> &'static [ShapeParameter] {
         const { &[ShapeParameter::continuous(LAG, "s")] }
+    }
+
+    fn shown_along(&self, _spec: &Spec) -> Option<String> {
+        Some(format!("{GAIN_WITH}coil temperature"))
     }
 
     fn unseen_by(&self, kind: Kind) -> Option<Unseen> {

@@ -35,6 +35,7 @@ pub mod remanence;
 pub mod response_order;
 pub mod rotation_drift;
 mod saturation;
+pub mod sensitivity_step;
 pub mod sensor_temperature_offset;
 pub mod sensor_temperature_sensitivity;
 pub mod settling;
@@ -303,6 +304,12 @@ pub trait Effect: Sync {
         false
     }
 
+    /// The covariate over which a term is drawn, by its name among [`Covariate::all`]; `None` for the one that it turns out to follow best.
+    fn shown_along(&self, spec: &Spec) -> Option<String> {
+        let _ = spec;
+        None
+    }
+
     /// From when on a term changes the readings, s since the run's start; `None` if always.
     fn begins_s(&self, spec: &Spec) -> Option<f64> {
         let _ = spec;
@@ -430,6 +437,7 @@ const STANDARD: &[&dyn Effect] = &[
     &rotation_drift::RotationDrift,
     &offset_drift::OffsetDrift,
     &offset_step::OffsetStep,
+    &sensitivity_step::SensitivityStep,
     &remanence::Remanence,
     &settling::Settling,
     &time_shift::TimeShift,

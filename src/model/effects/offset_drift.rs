@@ -3,7 +3,7 @@
 use super::between::{self, BetweenRuns, Cause, Runs, TOGETHER_AND_SINGLY, Term};
 use super::unknown::spline;
 use super::{
-    About, Acts, Column, Effect, Family, PART_OF_THE_OFFSETS, Record, ShapeParameter, Spec, Unseen, singly_and_together,
+    About, Acts, Column, Effect, Family, PART_OF_THE_OFFSETS, Record, ShapeParameter, Spec, TIME, Unseen, singly_and_together,
 };
 use crate::data::run::Kind;
 use crate::fit::statistics::extent;
@@ -74,6 +74,10 @@ impl Effect for OffsetDrift {
 
     fn is_of_one_run(&self, _form: &str) -> bool {
         true
+    }
+
+    fn shown_along(&self, _spec: &Spec) -> Option<String> {
+        Some(TIME.to_owned())
     }
 
     fn unseen_by(&self, kind: Kind) -> Option<Unseen> {

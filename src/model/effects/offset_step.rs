@@ -1,7 +1,7 @@
 //! The offset jumps once.
 
 use super::between::{self, BetweenRuns, Cause, Runs, TOGETHER_AND_SINGLY, Term};
-use super::{About, Acts, Column, Effect, Family, PART_OF_THE_OFFSETS, Record, Row, ShapeParameter, Spec, Unseen};
+use super::{About, Acts, Column, Effect, Family, PART_OF_THE_OFFSETS, Record, Row, ShapeParameter, Spec, TIME, Unseen};
 use crate::data::run::Kind;
 use crate::model::position::Class;
 
@@ -15,7 +15,7 @@ const FINER_PARTS: f64 = 40.0;
 /// Its form.
 const STEP: &str = "step";
 /// Shape: when it jumps.
-const ONSET: &str = "onset";
+pub(super) const ONSET: &str = "onset";
 
 /// The offset jumps once.
 pub struct OffsetStep;
@@ -53,22 +53,22 @@ impl Effect for OffsetStep {
         spec.get(ONSET)
     }
 
+    fn shown_along(&self, _spec: &Spec) -> Option<String> {
+        Some(TIME.to_owned())
+    }
+
     fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
         (kind == Kind::Frequency).then_some(PART_OF_THE_OFFSETS)
     }
 
     fn shape_range(&self, record: &Record, _spec: &Spec, _name: &str, value: f64) -> [f64; 2] {
-        let width_s = (record.span_s[1] - record.span_s[0]) / FINER_PARTS;
-        [value - width_s, value + width_s]
+        near_onset(record, value)
     }
 
     fn specs(&self, record: &Record) -> Result<Vec<Spec>, Unseen> {
-        let times: Vec<f64> = record.rows.iter().map(Row::t_s).collect();
-        let inner = times.len().saturating_sub(2 * EDGE);
-        let stride = (inner / MOST_ONSETS).max(1);
-        let onsets = (EDGE..times.len().saturating_sub(EDGE)).step_by(stride).map(|i| 0.5 * (times[i - 1] + times[i]));
         let axes = [&[0][..], &[1], &[2], &[0, 1, 2]];
-        Ok(onsets.flat_map(|onset| axes.map(|a| Spec::new(STEP, a).with(ONSET, onset, "s"))).collect())
+        let steps = |onset_s: f64| axes.map(|a| Spec::new(STEP, a).with(ONSET, onset_s, "s"));
+        Ok(onsets_s(record, MOST_ONSETS).into_iter().flat_map(steps).collect())
     }
 
     fn columns(&self, record: &Record, spec: &Spec) -> Option<Vec<Column>> {
@@ -96,9 +96,23 @@ impl Effect for OffsetStep {
     }
 }
 
+/// Onsets that are tried, between rows of a record, s since the run's start; about so many.
+pub(super) fn onsets_s(record: &Record, most: usize) -> Vec<f64> {
+    let times: Vec<f64> = record.rows.iter().map(Row::t_s).collect();
+    let inner = times.len().saturating_sub(2 * EDGE);
+    let stride = (inner / most).max(1);
+    (EDGE..times.len().saturating_sub(EDGE)).step_by(stride).map(|i| 0.5 * (times[i - 1] + times[i])).collect()
+}
+
+/// Where the best onset is looked for beside one that was tried, s.
+pub(super) fn near_onset(record: &Record, onset_s: f64) -> [f64; 2] {
+    let width_s = (record.span_s[1] - record.span_s[0]) / FINER_PARTS;
+    [onset_s - width_s, onset_s + width_s]
+}
+
 /// The part of a time that lies after the onset: the mean of a plateau in which the offset jumps has a part of the step, which all of it or none
 /// would make too small beside slow noise, that is told by neighbours.
-fn part_after(onset_s: f64, [begin, end]: [f64; 2]) -> f64 {
+pub(super) fn part_after(onset_s: f64, [begin, end]: [f64; 2]) -> f64 {
     if end > begin {
         ((end - onset_s) / (end - begin)).clamp(0.0, 1.0)
     } else if end > onset_s {

@@ -2,7 +2,7 @@
 
 use super::coil_temperature::{LAG, deviation, moving, now_and_later, scale_columns};
 use super::{
-    About, Acts, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen, one, singly_and_together,
+    About, Acts, Column, Effect, Family, GAIN_WITH, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen, one, singly_and_together,
 };
 use crate::data::run::Kind;
 use crate::data::units::COMPONENTS;
@@ -40,6 +40,11 @@ impl Effect for RackTemperature {
 
     fn shape(&self) -> &'static [ShapeParameter] {
         const { &[ShapeParameter::continuous(LAG, "s")] }
+    }
+
+    fn shown_along(&self, spec: &Spec) -> Option<String> {
+        let gain = if spec.form == OFFSET { "" } else { GAIN_WITH };
+        Some(format!("{gain}rack temperature"))
     }
 
     fn unseen_by(&self, kind: Kind) -> Option<Unseen> {

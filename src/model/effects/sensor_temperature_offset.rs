@@ -44,6 +44,10 @@ impl Effect for SensorTemperatureOffset {
         const { &[ShapeParameter::fixed(REFERENCE, "degC")] }
     }
 
+    fn shown_along(&self, _spec: &Spec) -> Option<String> {
+        Some("sensor temperature".to_owned())
+    }
+
     fn unseen_by(&self, kind: Kind) -> Option<Unseen> {
         (kind == Kind::Frequency).then_some(PART_OF_THE_OFFSETS)
     }

@@ -3,7 +3,7 @@
 use super::between::{BetweenRuns, Runs, sensor_temperature};
 use super::coil_temperature::moving;
 use super::record::centred;
-use super::{About, Acts, Column, Effect, Family, PART_OF_THE_AMPLITUDE, Record, Spec, Unseen, singly_and_together};
+use super::{About, Acts, Column, Effect, Family, GAIN_WITH, PART_OF_THE_AMPLITUDE, Record, Spec, Unseen, singly_and_together};
 use crate::data::run::Kind;
 use crate::model::position::Class;
 
@@ -29,6 +29,10 @@ impl Effect for SensorTemperatureSensitivity {
 
     fn acts(&self) -> &'static [Acts] {
         &[Acts::Means, Acts::BetweenRuns]
+    }
+
+    fn shown_along(&self, _spec: &Spec) -> Option<String> {
+        Some(format!("{GAIN_WITH}sensor temperature"))
     }
 
     fn unseen_by(&self, kind: Kind) -> Option<Unseen> {

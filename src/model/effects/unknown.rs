@@ -102,6 +102,12 @@ impl Covariate {
         all
     }
 
+    /// Whether it is a field of a setting before.
+    #[must_use]
+    pub fn is_of_history(&self) -> bool {
+        HISTORY.iter().any(|words| COMPONENTS.iter().any(|axis| self.name == words.replace('_', axis)))
+    }
+
     /// Whether no effect of the catalogue is linear in it, and no parameter of a run.
     fn is_new(&self) -> bool {
         ["times", "rate of", "channel", "settings before"].iter().any(|word| self.name.contains(word)) && !self.gain
