@@ -119,10 +119,10 @@ fn plateaus_apart(means: &Means, all: &[&Candidate]) -> Vec<Note> {
     left::standing_out(means, all).into_iter().map(note).collect()
 }
 
-/// Standard deviation of a mean, the noise alone.
+/// Standard deviation of a mean, the noise alone; the mean over the rows, as for the steps.
 fn noise_floor_nt(means: &Means, model: &MeansModel, all: &[&Candidate]) -> [f64; 3] {
     let row_std = means.row_std(model, all);
-    std::array::from_fn(|a| row_std[0][a] * means.prepared.nt_per_ent[a])
+    std::array::from_fn(|a| row_std.iter().map(|s| s[a]).sum::<f64>() / row_std.len() as f64 * means.prepared.nt_per_ent[a])
 }
 
 /// What the whole model leaves of the readings.

@@ -36,8 +36,8 @@ const LEAST_FREEDOM: f64 = 15.0;
 pub(super) struct Rest {
     /// Where most of it is; `None` where nothing is left.
     pub left: Option<Left>,
-    /// Axes on which the readings scatter more than the samples inside them let expect, where no slow noise accounts for it: whatever was
-    /// named there did not close the gap.
+    /// The axis of what is left, and those on which the readings scatter more than the samples inside them let expect, where no slow noise accounts for
+    /// it: whatever was named there did not close the gap.
     pub open: [bool; 3],
 }
 
@@ -64,7 +64,7 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Res
     });
     let axis = (0..3).max_by(|a, b| times[*a].total_cmp(&times[*b])).unwrap_or(0);
     let is_more = |a: usize, inside: Inside| fisher_tail(times[a].powi(2), [residuals[a].freedom, inside.freedom]) < FALSE_ALARM;
-    let open = std::array::from_fn(|a| {
+    let open: [bool; 3] = std::array::from_fn(|a| {
         let beside = of_samples.filter(|_| is_scatter || !is_slow);
         let least = if prepared.inside.is_some() && !is_slow && !noise.apart { 1.0 } else { SCATTER };
         beside.is_some_and(|inside| times[a] >= least && is_more(a, inside))
@@ -103,6 +103,8 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Res
     };
     let rms_nt = times[axis] * white_ent[axis] * prepared.nt_per_ent[axis];
     let place = format!("{}, {along}", COMPONENTS[axis]);
+    // Whatever was named there did not close the gap either.
+    let open = std::array::from_fn(|a| open[a] || a == axis);
     Rest { left: Some(Left { place, rms_nt, times_noise: times[axis], like }), open }
 }
 

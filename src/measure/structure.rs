@@ -14,6 +14,8 @@ use crate::fit::statistics::{median, student_tail};
 use nalgebra::{DMatrix, DVector, DVectorView};
 use std::collections::HashMap;
 
+/// A setting whose residual is so many robust standard deviations from the others stands out.
+pub(super) const OUTLIER: f64 = 8.0;
 /// Probability that noise alone is as large for the largest of all trials.
 const SIGNIFICANT: f64 = 1e-3;
 /// A trial column of which less than this part is left beside the fit says nothing.

@@ -10,6 +10,7 @@
 //! the one that makes them one: either a delay, or the time constant of a body that is heated through its surface (first order).
 
 mod fit;
+mod judge;
 mod lag;
 mod means;
 mod options;
@@ -186,6 +187,8 @@ pub fn sweep(run: &Run, plateaus: &Plateaus, instructions: &Instructions, option
     // One order higher: the elements of the response bend where sensitivities are straight.
     let columns = means.baseline(degc, settled.orders.higher().linear()).columns(&means.fields_nt, degc);
     notes.extend(gain_jumps(&means, degc, settled.orders));
+    notes.extend(judge::orders_too_low(&problem, &asked, &settled));
+    notes.extend(judge::standing_out(&blocks));
     // The temperature with its lag: what the polynomials are of.
     notes.extend(structure::notes(&structure::Rows::of(&list, &used, &settled.moved, &columns, &settled.noise)));
     let mut head = conditions::head(run, instructions, &temperatures);

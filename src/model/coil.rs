@@ -3,6 +3,14 @@
 use crate::data::units::FieldCoil;
 use nalgebra::{Matrix3, Vector3};
 
+/// The largest relative change of a scale factor with the coil temperature in CH-GFZ-TR-2601 section 6, 1/K: that of X, alike in all axes of one frame. It is
+/// sized by the expansion of a metal frame, which other coil systems share.
+pub const SCALE_PER_K: f64 = 1.90e-5;
+/// By how much the axes differ there: 1.65e-5 to 1.90e-5, 1/K.
+pub const SCALE_APART_PER_K: f64 = 0.25e-5;
+/// The largest change of an offset field there, that of Z, nT/K; the axes are independent (0.35, 0 and 0.80).
+pub const OFFSET_NT_PER_K: f64 = 0.80;
+
 /// What turns settings into a field: scale factors, offset fields, angles between the axes, and what the temperatures of coil and
 /// rack do to them. In [`Coil::IDEAL`] the field is the setting.
 #[derive(Clone, Debug, PartialEq)]

@@ -15,6 +15,11 @@ use crate::model::lag::Lag;
 use nalgebra::DMatrix;
 use serde::Serialize;
 
+/// A temperature without readings for this part of a run is told whatever it does, and for this one while it moves, where that is many times the usual
+/// distance of two readings.
+const LONG_GAP: f64 = 0.5;
+const SHORT_GAP: f64 = 0.03;
+const MANY_INTERVALS: f64 = 10.0;
 /// Difference of two mean temperatures of one thermometer in a run that its readings tell, K.
 const LEAST_DIFFERENCE_K: f64 = 0.005;
 
@@ -336,16 +341,30 @@ fn temperature(
                 format!("the {what} temperature (channel {channel}) covers the time from {first} to {last} s only"),
             )
             .about(channel)]);
-        } else if let Some(longest) = gaps().reduce(f64::max).filter(|longest| *longest > 0.5 * length) {
+        } else if let Some(longest) = gaps().reduce(f64::max).filter(|longest| *longest > LONG_GAP * length) {
             notes.extend([Note::new(
                 NoteKind::Temperature,
                 format!("the {what} temperature (channel {channel}) has no reading for {longest:.0} s of the run"),
             )
             .about(channel)]);
+        } else if let Some((gap_s, by_k)) = gap_while_moving(&inside).filter(|(gap_s, _)| *gap_s > SHORT_GAP * length) {
+            let text = format!(
+                "the {what} temperature (channel {channel}) has no reading for {gap_s:.0} s in which it moved by {by_k:.1} K: it is taken straight between the \
+                 readings beside, and what it really did there is in no uncertainty"
+            );
+            notes.extend([Note::new(NoteKind::Temperature, text).about(channel)]);
         }
     }
     let range = around_mean(mean_in_time(&series, span_s), values.into_iter());
     (series, range)
+}
+
+/// The longest stretch without readings in which a temperature moves by more than at rest, s, and by how much, K; many times the usual distance of two.
+fn gap_while_moving(series: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let steps = || series.windows(2).map(|w| (w[1].0 - w[0].0, (w[1].1 - w[0].1).abs()));
+    let mut lengths_s: Vec<f64> = steps().map(|(s, _)| s).collect();
+    let least_s = MANY_INTERVALS * if lengths_s.is_empty() { f64::INFINITY } else { median(&mut lengths_s) };
+    steps().filter(|(s, k)| *s > least_s && *k > AT_REST_K).max_by(|a, b| a.0.total_cmp(&b.0))
 }
 
 /// Smallest, mean and largest temperature; `None` without any. Few readings need not lie on both sides of a mean that is taken straight to the ends of

@@ -9,7 +9,7 @@ use crate::data::result::AT_REST_K;
 use crate::data::run::{Run, mean_over};
 use crate::fit::statistics::{extremes, median};
 use crate::model::campaign::Instructions;
-use crate::model::coil::Coil;
+use crate::model::coil::{Coil, OFFSET_NT_PER_K, SCALE_APART_PER_K, SCALE_PER_K};
 use crate::model::facility::{Facility, FacilityApplied, FacilityError, Period};
 use crate::model::sensor::SplitError;
 use nalgebra::{Matrix3, Vector3};
@@ -98,6 +98,12 @@ pub fn apply(
             all_moved.push(Moved { source, nt: (0..list.len()).map(change).collect() });
         }
     }
+    if let Some(range_degc) = facility.valid_coil_degc.filter(|_| !facility.follows_coil()) {
+        let courses = channels.each_ref().map(|channel| degc_of(run, channel, &spans_s).map(|course| course.degc));
+        let fields: Vec<[f64; 3]> = list.iter().map(|p| p.setting.field.0).collect();
+        let name = format!("{} {file}, coil temperature", facility.input.path);
+        all_moved.extend(by_unknown_coefficients(&name, &fields, &courses, range_degc));
+    }
     let used: Vec<f64> = coil_degc.iter().flatten().flat_map(|degc| degc.iter().copied()).collect();
     // Where nothing follows a temperature it was not needed so far, but where the values hold is stated all the same.
     let beside = |channels: &[&str]| -> Option<[f64; 2]> {
@@ -112,10 +118,14 @@ pub fn apply(
         let at = if follows { degc } else { beside(&channels) };
         let Some(([low, high], [from, to])) = valid.zip(at) else { continue };
         if from < low - AT_REST_K || to > high + AT_REST_K {
-            let outside = if follows {
-                "outside, its temperature coefficients are extrapolated".to_owned()
-            } else {
-                format!("it has no coefficients of the {what} temperature, and what that changes is in no uncertainty")
+            let outside = match (follows, what) {
+                (true, _) => "outside, its temperature coefficients are extrapolated".to_owned(),
+                (false, "coil") => format!(
+                    "it has no coefficients of the coil temperature; taken as zero with the size of those of CH-GFZ-TR-2601 section 6 as their \
+                     uncertainty ({SCALE_PER_K:.1e} per kelvin of the scale factors, {OFFSET_NT_PER_K:.1} nT/K of the offset fields), they are in the \
+                     uncertainties of type B"
+                ),
+                (false, _) => format!("it has no coefficients of the {what} temperature, and what that changes is in no uncertainty"),
             };
             let text = format!(
                 "{} was measured at {what} temperatures from {low:.1} to {high:.1} °C and is used from {from:.1} to {to:.1} °C: {outside}",
@@ -155,6 +165,32 @@ impl Driven {
         let change = |moved_nt: &[f64; 3]| (response * Vector3::from(*moved_nt)).into();
         self.moved.iter().map(|moved| moved.nt.iter().map(change).collect()).collect()
     }
+}
+
+/// What coefficients of the coil temperature that a file does not have may do to the fields, by one standard deviation of each: the coils were at other
+/// temperatures than when they were calibrated, `range_degc`. Nothing where they were not.
+fn by_unknown_coefficients(
+    name: &str,
+    fields_nt: &[[f64; 3]],
+    courses: &[Option<Vec<f64>>; 3],
+    [low, high]: [f64; 2],
+) -> Vec<Moved> {
+    let beyond_k = |axis: usize, i: usize| courses[axis].as_ref().map_or(0.0, |degc| degc[i] - degc[i].clamp(low, high));
+    if (0..3).all(|axis| (0..fields_nt.len()).all(|i| beyond_k(axis, i) == 0.0)) {
+        return Vec::new();
+    }
+    let moved = |what: &str, change: &dyn Fn(usize, usize) -> f64| Moved {
+        source: format!("{name}, {what}"),
+        nt: (0..fields_nt.len()).map(|i| std::array::from_fn(|axis| change(axis, i))).collect(),
+    };
+    let scale = |axis: usize, i: usize| fields_nt[i][axis] * beyond_k(axis, i);
+    let mut all = vec![moved("all scale factors", &|axis, i| SCALE_PER_K * scale(axis, i))];
+    for (k, axis) in ["X", "Y", "Z"].into_iter().enumerate() {
+        let own = |axis: usize, value: f64| if axis == k { value } else { 0.0 };
+        all.push(moved(&format!("scale factor {axis}"), &|axis, i| own(axis, SCALE_APART_PER_K * scale(axis, i))));
+        all.push(moved(&format!("offset field {axis}"), &|axis, i| own(axis, OFFSET_NT_PER_K * beyond_k(axis, i))));
+    }
+    all
 }
 
 fn coil_of(period: &Period) -> Result<(Coil, Matrix3<f64>), SplitError> {

@@ -131,6 +131,11 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         (!is_apart_from_zero(candidate, &parameters), "No size of its form stands out of its own uncertainty."),
         (rivals.has_family_twin(), "Another curve of the reading is so much like it that a real one may be either."),
         (has_twin_beside(candidate, &others), "Another curve of the same axis is named beside it: together they may stand for one that is neither."),
+        (!is_constant(means, &without, &others, candidate), "Its size is not the same in the beginning and the end of the run."),
+        (
+            candidate.effect.about().family == Family::Time && !means.prepared.faults.is_empty(),
+            "A temperature channel is damaged: what follows the temperature looks the same.",
+        ),
         (
             begins_with_large_field(&means.prepared.record, candidate),
             "It begins with the largest field for many settings: a hysteresis that remembers it looks the same.",
@@ -225,6 +230,24 @@ fn one_plateau_s(
     };
     let middle_s = |place: Range<usize>| place.clone().map(|row| record.rows[row].t_s()).sum::<f64>() / place.len() as f64;
     places.into_iter().find(is_it).map(middle_s)
+}
+
+/// Whether the size of a term that acts all along the run stays: times the time, it tells nothing more beside itself. What moves with time by itself, as
+/// temperatures and drifts do, is not asked.
+fn is_constant(means: &Means, without: &MeansModel, others: &[&Candidate], candidate: &Candidate) -> bool {
+    let family = candidate.effect.about().family;
+    if !matches!(family, Family::StaticOdd | Family::StaticEven | Family::CrossField | Family::History) {
+        return true;
+    }
+    let record = &means.prepared.record;
+    let n = record.rows.len();
+    let columns =
+        DMatrix::from_fn(3 * n, candidate.columns.ncols(), |i, j| candidate.columns[(i, j)] * record.tau(record.rows[i % n].t_s()));
+    let moving = Candidate { columns, ..candidate.clone() };
+    let with: Vec<&Candidate> = others.iter().copied().chain([candidate]).collect();
+    let beside = means.model_with(without.noise.clone(), &with);
+    let group = means.group(&beside, &moving);
+    group.count() == 0 || beside.fitted.score(&group).p_value() > SIGNIFICANT
 }
 
 /// Whether any of the linear parameters of a term stands out of its uncertainty: a form whose shape is free can follow something that is not its

@@ -9,15 +9,13 @@ use crate::data::result::Summary;
 use crate::data::units::{COMPONENTS, FieldCoil, Reading, counted};
 use crate::fit::statistics::robust_std;
 use crate::fit::{DenseNoise, student_95};
-use crate::measure::structure;
+use crate::measure::structure::{self, OUTLIER};
 use crate::model::sensor::{Linear, Split, SplitError};
 use crate::record::conditions::Temperatures;
 use nalgebra::Matrix3;
 
 /// A residual scatter of this many times the standard error of the plateau means is not noise of the samples.
 const LACK_OF_FIT: f64 = 10.0;
-/// A residual of this many robust standard deviations is an outlier.
-const OUTLIER: f64 = 8.0;
 /// Fewer degrees of freedom make intervals an eighth wider than normal ones.
 const FEW: usize = 11;
 /// A noise below this part of the largest reading is rounding.

@@ -62,6 +62,12 @@ impl Step {
             Some(Self { gain, ..step })
         };
         let best = series.iter().filter_map(at).max_by(|a, b| a.gain.total_cmp(&b.gain))?;
+        // The smooth course follows the noise of the readings as far as it does not average over it, which no scatter of the settings tells.
+        let course = Course::smooth(series);
+        let of_noise_k = course.noise / ((2 * course.reach() + 1) as f64).sqrt();
+        if best.size_k.abs() < SIGNIFICANT * of_noise_k {
+            return None;
+        }
         let is_needed = !may_jump(series, best.t_s, [0.0, 0.0]);
         let ahead = best.gain - lag_gain.max(0.0);
         let is_claimed = ahead > least || (is_needed && ahead > -least);

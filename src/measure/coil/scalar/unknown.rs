@@ -9,14 +9,8 @@ use super::terms::{CONSTANT, Modulus, Observation, Terms};
 use crate::data::note::{Note, NoteKind};
 use crate::fit::Model;
 use crate::fit::statistics::extremes;
+use crate::model::coil::{OFFSET_NT_PER_K, SCALE_APART_PER_K, SCALE_PER_K};
 use nalgebra::{DMatrix, DVector};
-
-/// The largest relative change of a scale factor with the coil temperature in CH-GFZ-TR-2601 section 6, 1/K: that of X, alike in all axes of one frame.
-const SCALE_PER_K: f64 = 1.90e-5;
-/// By how much the axes differ there: 1.65e-5 to 1.90e-5, 1/K.
-const SCALE_APART_PER_K: f64 = 0.25e-5;
-/// The largest change of an offset field there, that of Z, nT/K; the axes are independent (0.35, 0 and 0.80).
-const OFFSET_NT_PER_K: f64 = 0.80;
 
 /// What coefficients of the coil temperature that are not known may have done to the parameters of a fit: changes by one standard deviation of
 /// each, a column each. `None` where the coefficients are fitted.
