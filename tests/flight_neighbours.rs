@@ -199,6 +199,11 @@ fn one_matrix_holds_for_a_moment_and_range_and_its_covariance_is_one() {
         ),
         (matrix("2015-01-01", "2016-01-01", &negative), "has a negative variance"),
         (matrix("2015-01-01", "2016-01-01", "").replace("[0.0, 0.0, 1.0]", "[0.0, 1.0, 0.0]"), "has no inverse"),
+        (
+            format!("frame = \"rosetta\"\n{}", matrix("2015-01-01", "2016-01-01", "")),
+            "`sensor.frame` is of ground files, and changes nothing of matrices",
+        ),
+        (format!("ground = [\"a.TXT\"]\n{}", matrix("2015-01-01", "2016-01-01", "")), "`sensor.matrix` stands beside `ground`"),
     ];
     for (matrices, words) in cases {
         let configuration = format!("[[sensor]]\nname = \"OB\"\nent_per_count = 1.0\n{matrices}{mode}");

@@ -15,8 +15,11 @@ use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// The steps that there are, in their usual order.
+/// The steps where a configuration states none, in their order.
 pub const STEPS: [&str; 8] = ["counts", "temperature", "ground", "daily", "shift", "rotate", "offsets", "attitude"];
+/// The step of `[[disturbance]]`, which takes off fields in axes of the sensor at corrected times: with one stated it stands before
+/// `rotate`.
+const DISTURBANCE: &str = "disturbance";
 /// Days are read so far beyond their ends, s.
 const LONGEST_SHIFT_S: f64 = 1800.0;
 /// Intervals of means, s.
@@ -146,12 +149,17 @@ impl MissionFile<'_> {
         let mut spans: Vec<Span> = mode_spans.iter().map(|(span, _): &(Span, String)| *span).collect();
         spans.sort_unstable();
         apart(root, "mode", &spans)?;
+        let disturbances = root.groups("disturbance")?.iter().map(disturbance).collect::<Result<Vec<_>, _>>()?;
+        let hk = self.path(root, "hk")?;
+        if hk.is_none() && !disturbances.is_empty() {
+            return Err(root.missing("hk"));
+        }
         let mission = Mission {
             folder: self.folder.clone(),
             mission: needed(root, "mission", root.text("mission")?)?,
             instrument: needed(root, "instrument", root.text("instrument")?)?,
             input: needed(root, "input", self.path(root, "input")?)?,
-            hk: self.path(root, "hk")?,
+            hk,
             time_rule: TimeRule { primary, tolerance_ns: ns(tolerance_s) },
             reject_mask,
             sid,
@@ -184,14 +192,8 @@ impl MissionFile<'_> {
                     ns(mean_s)
                 }
             },
-            disturbances: root.groups("disturbance")?.iter().map(disturbance).collect::<Result<_, _>>()?,
-            steps: match root.group("pipeline")? {
-                None => STEPS.map(str::to_owned).to_vec(),
-                Some(g) => {
-                    g.only(&["steps"])?;
-                    needed(&g, "steps", g.texts("steps")?)?
-                }
-            },
+            steps: steps(root, !disturbances.is_empty())?,
+            disturbances,
             uncertainty: output(root, "uncertainty", true)?,
             text: output(root, "text", false)?,
         };
@@ -345,6 +347,10 @@ impl MissionFile<'_> {
         group.only(&["method", "coupling", "from", "to", "inputs"])?;
         let coupling = group.three_rows("coupling")?.map(|rows| Matrix3::from_fn(|row, column| rows[row][column]));
         let coupling = match group.text("method")?.as_deref() {
+            None | Some("pca") if coupling.is_some() => {
+                let rule = "changes nothing of principal components";
+                return Err(group.refuse("coupling", rule, "state method = \"gradiometer\" beside it, or take it away"));
+            }
             None | Some("pca") => None,
             Some("gradiometer") => Some(needed(group, "coupling", coupling)?),
             Some(_) => return Err(group.refuse("method", "must be \"pca\" or \"gradiometer\"", "correct the value")),
@@ -379,6 +385,30 @@ fn output(root: &Group<'_>, key: &str, default: bool) -> Result<bool, Finding> {
     Ok(group.truth(key)?.unwrap_or(default))
 }
 
+/// The steps in their order; fields that follow the housekeeping are taken off where they are stated, and nowhere else.
+fn steps(root: &Group<'_>, has_disturbance: bool) -> Result<Vec<String>, Finding> {
+    let Some(group) = root.group("pipeline")? else {
+        let before_rotation = STEPS.into_iter().flat_map(|step| {
+            let first = (has_disturbance && step == "rotate").then_some(DISTURBANCE);
+            first.into_iter().chain([step])
+        });
+        return Ok(before_rotation.map(str::to_owned).collect());
+    };
+    group.only(&["steps"])?;
+    let steps = needed(&group, "steps", group.texts("steps")?)?;
+    match (has_disturbance, steps.iter().any(|step| step == DISTURBANCE)) {
+        (true, false) => {
+            let rule = "lacks `disturbance`, so that no [[disturbance]] would be taken off";
+            Err(group.refuse("steps", rule, "name `disturbance` behind `ground`, or take [[disturbance]] away"))
+        }
+        (false, true) => {
+            let rule = "names `disturbance`, and there is no [[disturbance]] to be taken off";
+            Err(group.refuse("steps", rule, "state its column and vector in [[disturbance]], or take the step away"))
+        }
+        _ => Ok(steps),
+    }
+}
+
 /// Stretches of one list must not overlap.
 fn apart(group: &Group<'_>, key: &str, spans: &[Span]) -> Result<(), Finding> {
     match overlap(spans.iter().map(|span| (*span, None))) {
@@ -402,6 +432,10 @@ fn outside(group: &Group<'_>) -> Result<(OutsideTemperature, Extended, f64), Fin
     let extended = match group.numbers("extended_degc")? {
         None if outside == OutsideTemperature::Flag => return Err(group.missing("extended_degc")),
         None => None,
+        Some(_) if outside == OutsideTemperature::Null => {
+            let rule = "extends nothing while vectors outside become null";
+            return Err(group.refuse("extended_degc", rule, "state outside = \"flag\" beside it, or take it away"));
+        }
         Some(range) => match range[..] {
             [low, high] if low < high => Some(([low, high], needed(group, "reason", group.text("reason")?)?)),
             _ => return Err(group.refuse("extended_degc", "must be two temperatures that rise", "write [-140, 70]")),

@@ -54,6 +54,10 @@ pub fn read(sensor: &Sensor, findings: &mut Vec<Finding>) -> Result<Ground, Find
     let model = known(sensor.model.as_ref())?;
     let ground = match sensor.ground.as_slice() {
         [path] if rpcmag::is_named(path) => of_ground_file(path, sensor, model.as_ref(), findings)?,
+        _ if sensor.ignore_residual => {
+            let rule = "state no residual field B_RES that `residual = \"ignore\"` could leave in the offset";
+            return Err(Finding::error(&all, rule, "take `residual` out: a ground calibration file (RPCMAG) alone has it"));
+        }
         files => of_parameter_files(files, &all, model.as_ref(), findings)?,
     };
     let (mut ground, stated) = ground;

@@ -9,6 +9,8 @@ use crate::files::text::Group;
 use nalgebra::{Matrix3, Vector3};
 use std::collections::BTreeMap;
 
+/// Keys that say how ground files are taken.
+const OF_GROUND: [&str; 4] = ["ground_sensor", "frame", "accept_b_or", "residual"];
 /// How far a matrix may be from a rotation.
 const ROTATION: f64 = 1e-6;
 /// A converter has at most so many bits.
@@ -42,6 +44,17 @@ impl MissionFile<'_> {
         let matrices = group.groups("matrix")?.iter().map(|g| self.matrix(g)).collect::<Result<Vec<_>, _>>()?;
         let ground = group.texts("ground")?.map(|list| list.iter().map(|path| self.folder.join(path)).collect::<Vec<_>>());
         let ground = if matrices.is_empty() { needed(group, "ground", ground)? } else { ground.unwrap_or_default() };
+        if !matrices.is_empty() && !ground.is_empty() {
+            let rule = "stands beside `ground`, and a sensor has one calibration";
+            return Err(group.refuse("matrix", rule, "state the one or the other"));
+        }
+        if let Some(key) = OF_GROUND.into_iter().find(|key| ground.is_empty() && group.names().contains(key)) {
+            let remedy = "take it out, or name the files of the calibration with `ground`";
+            return Err(group.refuse(key, "is of ground files, and changes nothing of matrices", remedy));
+        }
+        if group.names().contains(&"daily_to") && !group.names().contains(&"daily") {
+            return Err(group.refuse("daily_to", "changes nothing without `daily`", "take it out, or name the daily models"));
+        }
         let model = self.path(group, "model")?;
         if model.is_some() && ground.is_empty() {
             let remedy = "take it out, or name the files of the calibration with `ground`";
