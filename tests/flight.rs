@@ -214,7 +214,7 @@ type Refusal = (&'static str, &'static str, &'static [&'static str]);
 
 #[test]
 fn a_wrong_configuration_is_refused_with_its_place() {
-    let cases: [Refusal; 14] = [
+    let cases: [Refusal; 18] = [
         ("mission = ", "missoin = ", &["`missoin` is not known", "`mission`"]),
         ("version = 1", "version = 2", &["`version` must be 1"]),
         ("6.0713338274930984e-01", "6.1e-01", &["uvw_to_sc", "is no rotation"]),
@@ -237,6 +237,22 @@ fn a_wrong_configuration_is_refused_with_its_place() {
         ("primary = \"OB\"", "primary = \"IB\"", &["primary sensor"]),
         ("packet_s = 32", "packet_s = -32", &["`mode.packet_s` must be positive"]),
         ("adc_bits = 20", "adc_bits = 2000", &["`sensor.adc_bits`"]),
+        (
+            "outside = \"null\"",
+            "outside = \"null\"\nextended_degc = [-140.0, 70.0]\nreason = \"R 4.2.3.3\"",
+            &["`temperature.extended_degc` extends nothing", "outside = \"flag\""],
+        ),
+        (
+            "[temperature]",
+            "[pca]\ncoupling = [[1.5, 0.0, 0.0], [0.0, 1.5, 0.0], [0.0, 0.0, 1.5]]\n\n[temperature]",
+            &["`pca.coupling` changes nothing of principal components"],
+        ),
+        ("thermistor_column = \"t_ib\"", "residual = \"ignore\"", &["THERMAL_PARAMETER", "state no residual field B_RES"]),
+        (
+            "daily = \"daily/RPCMAG_{yymmdd}_006_CALIB_OB.toml\"",
+            "daily_to = \"2015-07-02T00:00:00Z\"",
+            &["`sensor.daily_to` changes nothing without `daily`"],
+        ),
     ];
     for (from, to, words) in cases {
         let set = Set::of("telemetry");
@@ -431,6 +447,12 @@ primary = { rate_hz = 1.0, shift_s = 0.0 }
     // Steps of 4 enT in the second range, through a matrix of 2 nT/enT.
     let wanted = 2.0 * (0.1 * 0.1 + 4.0 * 4.0 / 12.0_f64).sqrt();
     assert!((level.numbers("ua_x").unwrap()[1] - wanted).abs() < 1e-6);
+    // The file says of each matrix how its offset acts.
+    let added = "range 0 from 2015-01-01T00:00:00.000000000 to 2016-01-01T00:00:00.000000000: \
+                 offset_unit=nT offset_acts=behind_matrix offset_sign=added";
+    let subtracted = "range 1 from 2015-01-01T00:00:00.000000000 to 2015-06-29T12:00:00.000000000: \
+                      offset_unit=enT offset_acts=before_matrix offset_sign=subtracted";
+    assert_eq!(level.says("convention"), Some(format!("{added}; {subtracted}").as_str()));
 }
 
 /// An offset that is added: errors of matrix and offset go together as the stated covariance says.
@@ -449,6 +471,7 @@ fn the_covariance_of_an_added_offset_is_taken_whole() {
     let small = Small::new(&configuration, "time_utc,bx,by,bz,quality,sid\n2015-06-29T11:00:00Z,100,-50,10,0,N\n");
     let level = small.level_a();
     let [x, y, z] = three(&level, ["bx", "by", "bz"]);
+    assert_eq!(level.says("convention"), Some("offset_unit=nT offset_acts=behind_matrix offset_sign=added"));
     for (found, wanted) in [x[0], y[0], z[0]].into_iter().zip([178.0, -52.0, 71.0]) {
         assert!((found - wanted).abs() < 1e-12, "{found} {wanted}");
     }

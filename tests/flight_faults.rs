@@ -21,7 +21,7 @@ sid = "N"
 packet_s = 1
 primary = { rate_hz = 1.0, shift_s = 0.0 }
 "#;
-const HEAD: &str = "time_utc,bx,by,bz,quality,sid\n";
+pub const HEAD: &str = "time_utc,bx,by,bz,quality,sid\n";
 
 /// Every file of a folder of results.
 fn files(folder: &Path) -> Vec<String> {

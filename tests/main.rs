@@ -28,6 +28,8 @@ mod flight_diagnosis;
 #[cfg(feature = "tables")]
 mod flight_faults;
 mod flight_neighbours;
+#[cfg(feature = "tables")]
+mod flight_said;
 mod freq;
 mod house;
 mod import;

@@ -11,24 +11,26 @@ use crate::files::export::rpcmag;
 use crate::files::import::mapping;
 use crate::files::output::is_own;
 use crate::files::parameter::FileKind;
-use crate::files::source::{digest, small_text};
+use crate::files::source::{digest, read_whole, small_text};
 #[cfg(feature = "tables")]
 use crate::files::table::columns;
+use crate::files::text::Keys;
 use crate::files::{amplitudes, campaign, ccr, facility, index, mag, twin};
 use crate::model::campaign::Instructions;
 use crate::record::temperature_faults::{self, ChannelFault};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
+use serde_json::Value;
 use std::hash::{DefaultHasher, Hasher};
 use std::path::{Path, PathBuf};
 
 /// Name of the configuration of flight processing in a folder.
-const FLIGHT_FILE: &str = "flight.toml";
+pub(super) const FLIGHT_FILE: &str = "flight.toml";
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), tables of calfit (.parquet), campaign.toml, twins, facility files, parameter files and model files of calfit, mappings of `import`, configurations of `flight`, ground calibration files (RPCMAG*.TXT).
+    /// Campaign folders, result folders, run files (.CCR, .CCR.gz), programmes (.MAG), tables of amplitudes (.csv), tables of calfit (.parquet), campaign.toml, twins, facility files, parameter files and model files of calfit, mappings of `import`, configurations of `flight`, daily offset models, ground calibration files (RPCMAG*.TXT), JSON that calfit wrote.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -175,6 +177,8 @@ fn check(path: &Path, common: &Common, readings: &mut Option<u64>) -> (Vec<Findi
         rpcmag::read(path, &mut findings).err()
     } else if name.ends_with(".TOML") {
         check_toml(path, &mut findings).err()
+    } else if name.ends_with(".JSON") {
+        check_json(path).err()
     } else if name.ends_with(".PARQUET") && is_own(path).unwrap_or(false) {
         check_table(path).err()
     } else if name.ends_with(".CSV") && is_of_amplitudes(path) {
@@ -220,6 +224,8 @@ fn check_toml(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
     } else if is_flight(path) {
         findings.extend(check_flight(path));
         Ok(())
+    } else if !is_campaign && is_daily(path) {
+        check_daily(path)
     } else if mapping::is_mapping(&text) {
         mapping::read(path, findings).map(drop)
     } else if is_twin(&text) {
@@ -227,13 +233,80 @@ fn check_toml(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
     } else if facility::is_facility(&text) {
         facility::read(path).map(drop)
     } else if !is_campaign {
-        let rule = "is no TOML file that calfit knows: it is not named campaign.toml, has no `format`, and no keys of a twin, a facility, a mapping or a configuration of flight";
-        Err(Finding::error(&path.display().to_string(), rule, "check its name, or the spelling of its keys"))
+        let shown = path.display().to_string();
+        let keys = Keys::parse(&shown, 1, text)?;
+        let rule = match keys.root().text("format")? {
+            Some(format) => format!("states the format `{format}`, which is none that calfit knows"),
+            None => "is no TOML file that calfit knows: it is not named campaign.toml, has no `format`, and no keys of a twin, a facility, a mapping or a configuration of flight".to_owned(),
+        };
+        Err(Finding::error(&shown, rule, "check its name, or the spelling of its keys"))
     } else {
         let (file, _) = campaign::file::read(path, findings)?;
         let root = path.parent().unwrap_or(path);
         campaign::check_files(root, &file).and_then(|()| campaign::check_locations(root, &file))
     }
+}
+
+/// JSON of calfit is told by its key `format`, that of an export by the format of the parameter file that it is of; the record of a day
+/// of flight processing has none.
+fn check_json(path: &Path) -> Result<(), Finding> {
+    const REMEDY: &str = "check its name, or take the file of calfit again";
+    let shown = path.display().to_string();
+    let (bytes, _) = read_whole(path)?;
+    let value: Value = serde_json::from_slice(&bytes).map_err(|e| {
+        let rule = format!("is no JSON: {e}");
+        Finding::error(&shown, rule, REMEDY).at(e.line() as u64, e.column() as u64)
+    })?;
+    let needed: &[&str] = match value.get("format").map(Value::as_str) {
+        Some(Some("diagnosis")) => &["written_by", "version", "runs", "steps", "verdict"],
+        Some(Some("APPLIED")) => &["written_by", "sensor", "mode", "frame", "columns", "counts"],
+        Some(Some(format)) if FileKind::of_format(format).is_some() => &["written_by", "version"],
+        None if is_day_of_flight(&value) => return check_day_of_flight(path),
+        Some(Some(format)) => {
+            let rule = format!("states the format `{format}`, which is none of the JSON that calfit knows");
+            return Err(Finding::error(&shown, rule, REMEDY));
+        }
+        _ => return Err(Finding::error(&shown, "is JSON of no kind that calfit knows: it has no `format`", REMEDY)),
+    };
+    match needed.iter().find(|key| value.get(**key).is_none()) {
+        Some(key) => Err(Finding::error(&shown, format!("the key `{key}` is missing"), REMEDY)),
+        None => Ok(()),
+    }
+}
+
+/// The record of a day of flight processing, by keys that only it has.
+fn is_day_of_flight(value: &Value) -> bool {
+    ["notes_of_mission", "sensor", "day"].iter().all(|key| value.get(*key).is_some())
+}
+
+#[cfg(feature = "tables")]
+fn check_day_of_flight(path: &Path) -> Result<(), Finding> {
+    crate::workflow::flight::check_day(path)
+}
+
+#[cfg(not(feature = "tables"))]
+fn check_day_of_flight(_path: &Path) -> Result<(), Finding> {
+    Ok(())
+}
+
+#[cfg(feature = "tables")]
+fn is_daily(path: &Path) -> bool {
+    crate::files::flight::daily::is_daily(path)
+}
+
+#[cfg(feature = "tables")]
+fn check_daily(path: &Path) -> Result<(), Finding> {
+    crate::files::flight::daily::check(path)
+}
+
+#[cfg(not(feature = "tables"))]
+fn is_daily(_path: &Path) -> bool {
+    false
+}
+
+#[cfg(not(feature = "tables"))]
+fn check_daily(_path: &Path) -> Result<(), Finding> {
+    Ok(())
 }
 
 #[cfg(feature = "tables")]

@@ -1,20 +1,26 @@
 //! `calfit flight`: telemetry to calibrated levels.
 
+use super::check::FLIGHT_FILE;
 use super::options::refuse_given;
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
+use crate::data::note::{Note, NoteKind};
 use crate::data::time::day_of;
 use crate::data::units::counted;
+use crate::files::campaign::Campaign;
+use crate::files::flight::is_mission;
 use crate::flight::made::DayMade;
 use crate::workflow::flight::{
-    DailyOptions, DayFailed, Flight, FlightMade, FlightOptions, Levels, day_name, make_carry, make_daily, make_report,
+    Carry, CarryRow, Covered, DailyOptions, DayFailed, Flight, FlightMade, FlightOptions, Inspected, Levels, day_name,
+    make_carry, make_daily, make_report,
 };
 use clap::Args;
 use jiff::civil::Date;
 use rayon::prelude::*;
+use serde::Serialize;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -82,7 +88,12 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         let mut findings = Vec::new();
         let made = make_report(&arguments.config, &common.out, common.force, &mut findings);
         findings.iter().for_each(|f| terminal.finding(f));
-        terminal.tell(&format!("  -> {}\n", made?.display()));
+        let file = made?.display().to_string();
+        if common.json {
+            terminal.print(&json(&ReportShown { file })?);
+        } else {
+            terminal.tell(&format!("  -> {file}\n"));
+        }
         return Ok(Status::Done);
     }
     let levels =
@@ -128,6 +139,13 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     made.notes.extend(flight.comparisons());
     flight.finish()?;
     made.notes.extend(flight.beside(&made.days));
+    if made.days.is_empty() && made.failed.is_empty() {
+        // Within the telemetry a day may have none, which is no fault of the one who asks for it.
+        if jobs.is_empty() {
+            return Err(no_vectors(arguments));
+        }
+        made.notes.push(Note::new(NoteKind::Losses, "there are no vectors in these days, and nothing was made"));
+    }
     if common.json {
         terminal.print(&json(&made)?);
     } else {
@@ -136,9 +154,6 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         for failed in &made.failed {
             terminal.error(&format!("{} {} was not made", failed.sensor, failed.day));
         }
-    }
-    if made.days.is_empty() && made.failed.is_empty() {
-        return Err(no_vectors(arguments));
     }
     Ok(if made.failed.is_empty() { Status::Done } else { Status::Partly })
 }
@@ -162,6 +177,59 @@ fn refuse_of_levels(arguments: &Arguments) -> Result<(), Finding> {
     refuse_given(&given, &rule, "leave it out")
 }
 
+/// What `report` prints with `--json`.
+#[derive(Serialize)]
+struct ReportShown {
+    file: String,
+}
+
+/// What `carry` prints with `--json`.
+#[derive(Serialize)]
+struct CarryShown<'a> {
+    file: String,
+    days: Vec<CarryDay<'a>>,
+    unknown: Vec<UnknownDay<'a>>,
+}
+
+/// A row of the table of the first pass.
+#[derive(Serialize)]
+struct CarryDay<'a> {
+    sensor: &'a str,
+    day: String,
+    first_tt2000: i64,
+    last_tt2000: i64,
+    t_first_degc: f64,
+    t_last_degc: f64,
+    /// As in the day table of `calfit flight`.
+    continuity_nt: [f64; 3],
+    reset: bool,
+}
+
+/// A day that cannot be made with the table.
+#[derive(Serialize)]
+struct UnknownDay<'a> {
+    sensor: &'a str,
+    day: String,
+    reason: &'a str,
+}
+
+impl<'a> CarryShown<'a> {
+    fn of(carry: &'a Carry, file: &Path) -> Self {
+        let day = |row: &'a CarryRow| CarryDay {
+            sensor: &row.sensor,
+            day: day_name(row.day),
+            first_tt2000: row.time[0],
+            last_tt2000: row.time[1],
+            t_first_degc: row.degc[0],
+            t_last_degc: row.degc[1],
+            continuity_nt: row.continuity.sum_nt,
+            reset: row.continuity.joined.is_none(),
+        };
+        let unknown = carry.unknown.iter().map(|((sensor, day), reason)| UnknownDay { sensor, day: day_name(*day), reason });
+        Self { file: file.display().to_string(), days: carry.rows.iter().map(day).collect(), unknown: unknown.collect() }
+    }
+}
+
 fn carry(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let out = if common.out_given { common.out.clone() } else { PathBuf::from("carry.parquet") };
     let mut findings = Vec::new();
@@ -171,7 +239,11 @@ fn carry(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<
     for ((sensor, day), reason) in &carry.unknown {
         terminal.error(&format!("{sensor} {}: how the model goes on at midnight is not known: {reason}", day_name(*day)));
     }
-    terminal.tell(&format!("{} days of sensors\n  -> {}\n", carry.rows.len(), out.display()));
+    if common.json {
+        terminal.print(&json(&CarryShown::of(&carry, &out))?);
+    } else {
+        terminal.tell(&format!("{} days of sensors\n  -> {}\n", carry.rows.len(), out.display()));
+    }
     Ok(if carry.unknown.is_empty() { Status::Done } else { Status::Partly })
 }
 
@@ -206,7 +278,7 @@ fn daily(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<
                 share(0),
                 share(1),
                 share(2),
-                model.file
+                options.out.join(&model.file).display()
             ));
             model.notes.iter().for_each(|note| terminal.tell(&format!("  note: {note}\n")));
         }
@@ -218,21 +290,40 @@ fn daily(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<
     Ok(if made.failed.is_empty() { Status::Done } else { Status::Partly })
 }
 
+/// The configuration of flight processing that a path names: that file, or the one in a folder without runs.
+pub(super) fn configuration(path: &Path) -> Option<PathBuf> {
+    let file = if path.is_dir() { path.join(FLIGHT_FILE) } else { path.to_owned() };
+    let is_toml = file.extension().is_some_and(|end| end == "toml");
+    let has_runs = || path.is_dir() && Campaign::run_files(path).is_ok_and(|runs| !runs.is_empty());
+    (is_toml && is_mission(&file) && !has_runs()).then_some(file)
+}
+
 /// `calfit inspect flight.toml`: days, sensors, modes, vectors, what is rejected, what tables do not cover.
-pub(super) fn inspect(path: &std::path::Path, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+pub(super) fn inspect(path: &Path, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let mut findings = Vec::new();
     let days = crate::workflow::flight::inspect(path, &mut findings)?;
     findings.iter().for_each(|f| terminal.finding(f));
     if common.json {
         terminal.print(&json(&days)?);
     } else {
-        for day in &days {
+        for Inspected { day, tables } in &days {
             let modes: Vec<String> = day.modes.iter().map(|(mode, count)| format!("{count} {mode}")).collect();
             let degc = day.degc.map_or(String::new(), |[low, high]| format!("; {low:.1} to {high:.1} °C"));
-            terminal.print(&format!("{}\n  modes: {}{degc}\n", found(day), modes.join(", ")));
+            let tables = tables.iter().map(covered).collect::<Vec<_>>().join(", ");
+            let tables = if tables.is_empty() { tables } else { format!("\n  tables: {tables}") };
+            terminal.print(&format!("{}\n  modes: {}{degc}{tables}\n", found(day), modes.join(", ")));
         }
     }
     Ok(if findings.iter().any(|f| f.severity == Severity::Error) { Status::Partly } else { Status::Done })
+}
+
+/// How much of a day a table holds, in words; with its ends where that is not all of it.
+fn covered(table: &Covered) -> String {
+    let share = format!("{} {:.1} %", table.table, 100.0 * table.covered);
+    match (&table.from, &table.to) {
+        (Some(from), Some(to)) if table.covered < 1.0 => format!("{share} ({from} to {to})"),
+        _ => share,
+    }
 }
 
 /// What was made of a day, in a few lines.

@@ -11,11 +11,11 @@ use crate::workflow::{Failure, jobs};
 use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Args, Debug)]
 pub(super) struct Arguments {
-    /// Campaign folders or run files, or a configuration of flight processing.
+    /// Campaign folders or run files, or a configuration of flight processing or its folder.
     #[arg(required = true, value_name = "PATH")]
     paths: Vec<PathBuf>,
 }
@@ -27,16 +27,21 @@ struct Listing<'a> {
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    if let Some((path, kind)) = arguments.paths.iter().find_map(|path| Some((path, FileKind::of_name(path)?))) {
+    if let Some((path, kind)) = arguments.paths.iter().find_map(|path| Some((path, FileKind::of_file(path)?))) {
         let rule = format!("is a {} parameter file and no run", kind.format);
         return Err(Finding::error(&path.display().to_string(), rule, "look at it with `calfit check` or `calfit verify`"));
     }
     #[cfg(feature = "tables")]
-    if let [path] = arguments.paths.as_slice()
-        && path.extension().is_some_and(|end| end == "toml")
-        && crate::files::flight::is_mission(path)
-    {
-        return super::flight::inspect(path, common, terminal);
+    if let Some(file) = arguments.paths.iter().find_map(|path| super::flight::configuration(path)) {
+        if arguments.paths.len() > 1 {
+            let rule = "is a configuration of flight processing, and other paths are named beside it";
+            return Err(Finding::error(&file.display().to_string(), rule, "look at it alone"));
+        }
+        return super::flight::inspect(&file, common, terminal);
+    }
+    if let Some(path) = arguments.paths.iter().find(|path| is_of_other_kind(path)) {
+        let rule = "is no run, and no configuration of flight processing";
+        return Err(Finding::error(&path.display().to_string(), rule, "look at it with `calfit check`"));
     }
     let campaigns = open(&arguments.paths, common, terminal)?;
     let (jobs, unmatched) = jobs(&campaigns, None);
@@ -70,4 +75,10 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     }
     report_failures(terminal, &failures, jobs.len());
     Ok(status(lines.len(), failures.iter().map(|(_, f)| f)))
+}
+
+/// Whether a file has a name that no run has.
+fn is_of_other_kind(path: &Path) -> bool {
+    let end = path.extension().unwrap_or_default();
+    path.is_file() && ["toml", "json", "mag"].iter().any(|other| end.eq_ignore_ascii_case(other))
 }

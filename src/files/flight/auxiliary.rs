@@ -168,6 +168,19 @@ impl<T: Timed> Timeline<T> {
         Ok(rows)
     }
 
+    /// The file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// From its first time to behind its last one.
+    #[must_use]
+    pub fn span(&self) -> Span {
+        let (from, last) = self.groups.first().zip(self.groups.last()).map_or((0, 0), |(a, b)| (a.first, b.last));
+        Span { from, to: last + 1 }
+    }
+
     fn kept(&self) -> MutexGuard<'_, Option<(Range<usize>, Arc<T>)>> {
         self.kept.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -208,10 +221,23 @@ impl Timed for Attitude {
     }
 }
 
-impl Timed for Positions {
-    type Stated = ();
+/// Refuses a table that says of itself that it is of another frame than the attitude.
+fn is_of_frame(table: &SeriesTable, path: &Path, frame: &str, remedy: &str) -> Result<(), Finding> {
+    match table.says("frame").filter(|own| *own != frame) {
+        Some(own) => {
+            let rule = format!("is of the frame {own}, the attitude of the configuration of {frame}");
+            Err(Finding::error(&path.display().to_string(), rule, remedy))
+        }
+        None => Ok(()),
+    }
+}
 
-    fn read(table: &SeriesTable, time: Vec<Tt2000>, path: &Path, (): &()) -> Result<Self, Finding> {
+impl Timed for Positions {
+    /// The frame.
+    type Stated = String;
+
+    fn read(table: &SeriesTable, time: Vec<Tt2000>, path: &Path, frame: &String) -> Result<Self, Finding> {
+        is_of_frame(table, path, frame, "take positions of the same frame")?;
         let [x, y, z] = [table.numbers("x_km")?, table.numbers("y_km")?, table.numbers("z_km")?];
         if let Some(row) = (0..time.len()).find(|row| ![x[*row], y[*row], z[*row]].iter().all(|v| v.is_finite())) {
             return Err(refuse(path, table.before() + row, "the position has no value", "leave the row out"));
@@ -264,10 +290,7 @@ impl Timed for ModelField {
     type Stated = String;
 
     fn read(table: &SeriesTable, time: Vec<Tt2000>, path: &Path, frame: &String) -> Result<Self, Finding> {
-        if let Some(own) = table.says("frame").filter(|own| own != frame) {
-            let rule = format!("is of the frame {own}, the attitude of the configuration of {frame}");
-            return Err(Finding::error(&path.display().to_string(), rule, "take a model of the same frame"));
-        }
+        is_of_frame(table, path, frame, "take a model of the same frame")?;
         let [x, y, z] = [table.numbers("bx")?, table.numbers("by")?, table.numbers("bz")?];
         if let Some(row) = (0..time.len()).find(|row| ![x[*row], y[*row], z[*row]].iter().all(|v| v.is_finite())) {
             return Err(refuse(path, table.before() + row, "the field has no value", "leave the row out"));
@@ -409,7 +432,7 @@ mod tests {
         writer.finish().unwrap();
 
         let leap = LeapSeconds::default();
-        let (table, _) = Timeline::<Positions>::open(&path, (), TimeRule::default(), &leap).unwrap();
+        let (table, _) = Timeline::<Positions>::open(&path, "ECLIPJ2000".to_owned(), TimeRule::default(), &leap).unwrap();
         let over = |from: i64, to: i64| table.over(&(from * SECOND_NS..to * SECOND_NS), &leap).unwrap();
         let seconds = |rows: &Positions| rows.time.iter().map(|t| t / SECOND_NS).collect::<Vec<i64>>();
         let first = over(1, 2);

@@ -4,7 +4,7 @@ use crate::data::error::Finding;
 use crate::data::provenance::Input;
 use crate::data::time::{date_of, day_of};
 use crate::files::parameter::{is_sound_table, matrix_of};
-use crate::files::source::read_whole;
+use crate::files::source::{read_whole, small_text};
 use crate::files::text::{Keys, decode, listed, quoted};
 use crate::model::polynomial::TemperaturePolynomial;
 use jiff::civil::Date;
@@ -84,11 +84,32 @@ pub fn path_of(folder: &Path, pattern: &str, day: i32) -> PathBuf {
     folder.join(name)
 }
 
+/// Whether a file is a daily offset model, by its key `format`.
+#[must_use]
+pub fn is_daily(path: &Path) -> bool {
+    let Some(text) = small_text(path) else { return false };
+    let Ok(keys) = Keys::parse(&path.display().to_string(), 1, text) else { return false };
+    keys.root().text("format").is_ok_and(|format| format.as_deref() == Some(FORMAT))
+}
+
 /// Reads the model of a sensor and day.
 ///
 /// # Errors
 /// What is wrong with the file; another sensor or day.
 pub fn read(path: &Path, sensor: &str, day: i32) -> Result<DailyModel, Finding> {
+    read_of(path, Some((sensor, day)))
+}
+
+/// Reads a model of whatever sensor and day.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn check(path: &Path) -> Result<(), Finding> {
+    read_of(path, None).map(drop)
+}
+
+/// Reads a model, of a sensor and day where these are asked for.
+fn read_of(path: &Path, asked: Option<(&str, i32)>) -> Result<DailyModel, Finding> {
     let shown = path.display().to_string();
     let (bytes, digested) = read_whole(path)?;
     let keys = Keys::parse(&shown, 1, decode(&bytes).into_owned())?;
@@ -100,11 +121,12 @@ pub fn read(path: &Path, sensor: &str, day: i32) -> Result<DailyModel, Finding> 
     if root.whole("version")? != Some(1) {
         return Err(root.refuse("version", "must be 1", "take the program that wrote the file"));
     }
-    if needed("sensor")? != sensor {
+    let of = needed("sensor")?;
+    if let Some((sensor, _)) = asked.filter(|(sensor, _)| *sensor != of) {
         return Err(root.refuse("sensor", &format!("is not {sensor}"), "name the models of this sensor"));
     }
     let date: Date = needed("date")?.parse().map_err(|_| root.refuse("date", "is no date", "write YYYY-MM-DD"))?;
-    if day_of(date) != day {
+    if let Some((_, day)) = asked.filter(|(_, day)| *day != day_of(date)) {
         return Err(root.refuse("date", &format!("is not {}", date_of(day)), "name the model of this day"));
     }
     for (key, only) in [("sign", SIGN), ("unit", "nT")] {

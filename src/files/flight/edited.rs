@@ -1,10 +1,12 @@
 //! EDITED telemetry: signed counts with time tags, thermistor counts, quality and mode (RO-IGEP-TR0028 section 4.1.2).
 
 use super::mission::{Counts, Mission, Sensor};
+use super::times::TimeColumn;
 use crate::data::error::Finding;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000, day_of};
 use crate::files::source::{Digested, digest};
 use crate::files::table::series::{SeriesTable, Words};
+use crate::files::table::stream::{Format, Reader};
 use jiff::civil::Date;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -145,11 +147,11 @@ pub fn day_files(folder: &Path) -> Result<Vec<EditedFile>, Finding> {
 }
 
 impl Catalogue {
-    /// Lists the telemetry of a mission.
+    /// Lists the telemetry of a mission; a file that tells no sensor by its place or its columns is of the one `asked` for.
     ///
     /// # Errors
     /// A folder that cannot be listed, a partition that is no date or of no sensor, a file that does not tell its sensor.
-    pub fn open(mission: &Mission) -> Result<Self, Finding> {
+    pub fn open(mission: &Mission, asked: Option<&str>) -> Result<Self, Finding> {
         let mut catalogue = Self::default();
         for path in listed(&mission.input)? {
             if path.is_dir() {
@@ -167,7 +169,7 @@ impl Catalogue {
                 };
                 catalogue.sensors.entry(sensor.name.clone()).or_default().extend(day_files(&path)?);
             } else if is_table(&path) {
-                let name = sensor_of(&path, mission)?;
+                let name = sensor_of(&path, mission, asked)?;
                 catalogue.sensors.entry(name).or_default().push(EditedFile { day: None, path });
             }
         }
@@ -187,19 +189,23 @@ pub fn plain(name: &str) -> String {
     name.to_lowercase().replace('.', "_")
 }
 
-/// The sensor of a file that stands in no partition, by the ends of the names of its columns: `BX_OB`.
-fn sensor_of(path: &Path, mission: &Mission) -> Result<String, Finding> {
+/// The sensor of a file that stands in no partition, by the ends of the names of its columns, `BX_OB`, or else the one that is asked
+/// for.
+fn sensor_of(path: &Path, mission: &Mission, asked: Option<&str>) -> Result<String, Finding> {
     let names: Vec<String> = SeriesTable::open(path)?.names().iter().map(|n| plain(n)).collect();
     let has = |sensor: &&Sensor| names.contains(&format!("bx_{}", sensor.name.to_lowercase()));
     let mut found = mission.sensors.iter().filter(has);
     match (found.next(), found.next(), mission.sensors.as_slice()) {
         (Some(sensor), None, _) | (None, None, [sensor]) => Ok(sensor.name.clone()),
+        (None, None, sensors) if sensors.iter().any(|sensor| asked == Some(sensor.name.as_str())) => {
+            Ok(asked.unwrap_or_default().to_owned())
+        }
         _ => {
             let rule = "does not tell of which sensor it is";
             Err(Finding::error(
                 &path.display().to_string(),
                 rule,
-                "move it to sensor=NAME/date=YYYY-MM-DD, or name a column BX_NAME",
+                "move it to sensor=NAME/date=YYYY-MM-DD, name a column BX_NAME, or name the sensor with --sensor",
             ))
         }
     }
@@ -214,17 +220,66 @@ struct Open<'a> {
     leap: &'a LeapSeconds,
 }
 
+/// The column of a name among names by their plain form, with the name of the sensor behind it or without.
+fn column_of<'a>(names: &'a BTreeMap<String, String>, name: &str, sensor: &Sensor) -> Option<&'a str> {
+    let suffixed = format!("{name}_{}", sensor.name.to_lowercase());
+    names.get(name).or_else(|| names.get(&suffixed)).map(String::as_str)
+}
+
+/// That a table has no column of a name among those that it has.
+pub fn lacks<'a>(path: &Path, name: &str, names: impl Iterator<Item = &'a String>) -> Finding {
+    let list: Vec<&str> = names.map(String::as_str).collect();
+    let rule = format!("has no column `{name}`; it has {}", list.join(", "));
+    Finding::error(&path.display().to_string(), rule, "rename the column, or name another one")
+}
+
+/// The names of the columns of a table by their plain form; rows are not decoded.
+///
+/// # Errors
+/// A file that cannot be read or is no table of the format that its name tells.
+pub fn columns(path: &Path) -> Result<BTreeMap<String, String>, Finding> {
+    let names = match Format::of_name(path) {
+        Some(Format::Csv) => Reader::open(path)?.next_batch()?.map(|batch| batch.names()).unwrap_or_default(),
+        _ => SeriesTable::open(path)?.names(),
+    };
+    Ok(names.into_iter().map(|name| (plain(&name), name)).collect())
+}
+
+/// Checks that a file of telemetry has the columns without which none of its vectors can be made; no vectors are read.
+///
+/// # Errors
+/// A file that is no table; the first column that it lacks.
+pub fn check_columns(file: &EditedFile, sensor: &Sensor, mission: &Mission) -> Result<(), Finding> {
+    let names = columns(&file.path)?;
+    let lacks = |name: &str| lacks(&file.path, name, names.values());
+    let times: Vec<&str> = match mission.time_rule.primary {
+        Some(column) => vec![column.name()],
+        None => TimeColumn::ALL.into_iter().map(TimeColumn::name).collect(),
+    };
+    if !times.iter().any(|name| names.contains_key(*name)) {
+        return Err(lacks(&times.join("` or `")));
+    }
+    let thermistor = plain(&sensor.thermistor_column);
+    let needed = ["bx", "by", "bz", "quality"].into_iter().chain((!sensor.ground.is_empty()).then_some(thermistor.as_str()));
+    for name in needed {
+        column_of(&names, name, sensor).ok_or_else(|| lacks(name))?;
+    }
+    let has_mode = mission.sid.is_some() || !mission.mode_spans.is_empty();
+    if !has_mode && column_of(&names, "sid", sensor).is_none() {
+        let rule = "has no column `sid`, and nothing else says the mode of its vectors";
+        let remedy = "add the column, or state `from` and `to` in [[mode]], or [edited] sid";
+        return Err(Finding::error(&file.path.display().to_string(), rule, remedy));
+    }
+    Ok(())
+}
+
 impl Open<'_> {
     fn column(&self, name: &str, sensor: &Sensor) -> Option<&str> {
-        let suffixed = format!("{name}_{}", sensor.name.to_lowercase());
-        self.names.get(name).or_else(|| self.names.get(&suffixed)).map(String::as_str)
+        column_of(&self.names, name, sensor)
     }
 
     fn needed(&self, name: &str, sensor: &Sensor) -> Result<&str, Finding> {
-        self.column(name, sensor).ok_or_else(|| {
-            let rule = format!("has no column `{name}`; it has {}", self.table.names().join(", "));
-            Finding::error(&self.path.display().to_string(), rule, "rename the column, or name another one")
-        })
+        self.column(name, sensor).ok_or_else(|| lacks(self.path, name, self.table.names().iter()))
     }
 
     fn refuse(&self, row: usize, rule: &str, remedy: &str) -> Finding {

@@ -10,6 +10,9 @@ use std::io::Write as _;
 /// 0 °C, K: archives keep temperatures in kelvin.
 const KELVIN: f64 = 273.15;
 
+/// What a label says of its table beside what its columns say.
+const NOTE: &str = "the table has no uncertainties";
+
 /// A column: name, unit, width, decimals, what it is.
 struct Field {
     name: &'static str,
@@ -130,10 +133,11 @@ fn label(table: &str, columns: &[&Field], records: usize, says: &[(String, Strin
         ("PROCESSING_LEVEL_DESC", "level"),
         ("DETECTOR_ID", "sensor"),
         ("COORDINATE_SYSTEM_DESC", "frame"),
-        ("NOTE", "uncertainty"),
     ] {
         let _ = write!(out, "{key} = \"{}\"\r\n", said(of));
     }
+    // What the Parquet file says of its columns of uncertainty would describe columns that are not here.
+    let _ = write!(out, "NOTE = \"{NOTE}\"\r\n");
     let _ = write!(
         out,
         "OBJECT = TABLE\r\n  INTERCHANGE_FORMAT = ASCII\r\n  ROWS = {records}\r\n  COLUMNS = {}\r\n  ROW_BYTES = {bytes}\r\n",

@@ -5,7 +5,7 @@ use super::near::{Edges, Near};
 use super::steps::{limits, thermometer};
 use super::{Prepared, day_name};
 use crate::data::error::Finding;
-use crate::data::time::{Tt2000, day_of};
+use crate::data::time::{SECOND_NS, Tt2000, day_of};
 use crate::files::flight::edited::{self, BEYOND_NS, Rows};
 use crate::files::flight::mission::{Mission, Sensor};
 use crate::files::output::Folder;
@@ -150,6 +150,7 @@ impl Carry {
             codes.push(u8::try_from(code).unwrap_or(u8::MAX));
         }
         let day_codes: Vec<i64> = self.rows.iter().map(|row| i64::from(row.day)).collect();
+        let dates: Vec<i64> = day_codes.iter().map(|day| day * 86_400 * SECOND_NS).collect();
         let number = |of: &dyn Fn(&CarryRow) -> f64| -> Vec<f64> { self.rows.iter().map(of).collect() };
         let whole = |of: &dyn Fn(&CarryRow) -> i64| -> Vec<i64> { self.rows.iter().map(of).collect() };
         let (first, last) = (whole(&|r| r.time[0]), whole(&|r| r.time[1]));
@@ -161,6 +162,7 @@ impl Carry {
         let mut columns = vec![
             ("sensor", Column::Words(&codes, &sensors)),
             ("day", Column::Whole(&day_codes)),
+            ("date", Column::Timestamps(&dates)),
             ("first_tt2000", Column::Whole(&first)),
             ("last_tt2000", Column::Whole(&last)),
             ("t_first_degc", Column::Numbers(&t_first)),

@@ -329,6 +329,8 @@ pub struct Shared {
     pub says: Vec<(String, String)>,
     /// Telemetry and daily models.
     pub inputs: Vec<Input>,
+    /// Means of both sensors on the day, also those at times that the other one does not have.
+    pub means_read: usize,
     /// The principal axes, component by component; none of a gradiometer.
     pub axes: Vec<SharedAxis>,
 }
@@ -441,8 +443,9 @@ pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Sha
     let (Some(primary), Some(secondary)) = (place(0), place(1)) else { return Ok(None) };
     let mut inputs = Vec::new();
     let mut pairs = Pairs::default();
-    for day in days {
-        let span = prepared.leap.day(day);
+    let mut means_read = 0;
+    for other in days {
+        let span = prepared.leap.day(other);
         one_role(prepared, &span)?;
         if mission.roles.of(&mission.sensors[primary].name, span.start) != 0 {
             let rule = "reaches over a change of the primary sensor: level J needs one primary sensor for a whole interval";
@@ -452,9 +455,12 @@ pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Sha
             let level = Level::ALL.into_iter().find(|level| level.letter().starts_with(letter)).unwrap_or(Level::G);
             // Wheels are taken off the primary sensor only.
             let level = if level == Level::I && index == secondary { Level::G } else { level };
-            means_of(prepared, carry, index, day, level, &mut inputs)
+            means_of(prepared, carry, index, other, level, &mut inputs)
         };
         if let (Some(first), Some(second)) = (take(primary, stated.inputs[0])?, take(secondary, stated.inputs[1])?) {
+            if other == day {
+                means_read = first.0.time.len() + second.0.time.len();
+            }
             pairs.append(&[first, second], stated.span);
         }
     }
@@ -511,7 +517,7 @@ pub fn common(prepared: &Prepared, carry: &Carry, day: i32) -> Result<Option<Sha
         (name(primary), rows(&parts.own_outboard_nt, 1)),
         (name(secondary), rows(&parts.own_inboard_nt, 2)),
     ];
-    Ok(Some(Shared { tables, says, inputs, axes: shared }))
+    Ok(Some(Shared { tables, says, inputs, means_read, axes: shared }))
 }
 
 #[cfg(test)]

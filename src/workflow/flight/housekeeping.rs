@@ -310,7 +310,9 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
     writer.write(&columns)?;
     writer.finish()?;
     file.finish()?;
+    let no_text = "the housekeeping has no text table: `[output] text` is of the levels A to L";
     Ok(DayMade {
+        notes: prepared.mission.text.then(|| no_text.to_owned()).into_iter().collect(),
         sensor: NAME.to_owned(),
         day: day_name(day),
         rows: RowCounts { read: time.len(), ..RowCounts::default() },

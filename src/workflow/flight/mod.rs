@@ -21,7 +21,8 @@ pub use daily_models::{DailyModels, DailyOptions, make_daily};
 pub use difference::{DifferenceOptions, diagnose_flight};
 pub use ground::Ground;
 pub use levels::{Level, Levels, NoLevels};
-pub use look::{check, inspect};
+pub use look::{Covered, Inspected, check, inspect};
+pub use picture::check_day;
 
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
@@ -43,10 +44,10 @@ use near::Near;
 use picture::Pictures;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
-use write::DayWriter;
+use write::{DayWriter, Written};
 
 /// What is processed, and where it goes.
 #[derive(Clone, Debug)]
@@ -122,7 +123,8 @@ impl FlightMade {
     #[must_use]
     pub fn days_missing(&self) -> Vec<Note> {
         let mut days: BTreeMap<&str, Vec<Date>> = BTreeMap::new();
-        for made in self.days.iter().filter(|made| made.rows.read > 0) {
+        // What two sensors share lacks where one of them does, which says so.
+        for made in self.days.iter().filter(|made| made.rows.read > 0 && made.sensor != derived::COMMON) {
             days.entry(made.sensor.as_str()).or_default().extend(made.day.parse::<Date>());
         }
         // A day that failed has said why.
@@ -168,6 +170,11 @@ pub struct Job {
 /// # Errors
 /// What is wrong with it; where that is several things, all but the last go to `findings`.
 pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Finding> {
+    prepare_of(path, None, findings)
+}
+
+/// The same where one sensor is asked for, of which telemetry is that does not tell its sensor itself.
+fn prepare_of(path: &Path, sensor: Option<&str>, findings: &mut Vec<Finding>) -> Result<Prepared, Finding> {
     let leap = LeapSeconds::default();
     let (mut mission, digested) = read_mission(path, &leap)?;
     check_steps(path, &mission)?;
@@ -209,11 +216,13 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
             table(input);
             read
         });
-    let path_of_positions = celestial.and_then(|c| c.position.as_ref());
-    let positions = path_of_positions.and_then(|p| take(Timeline::open(p, (), rule, &leap), &mut wrong)).map(|(read, input)| {
-        table(input);
-        read
-    });
+    let with_positions = celestial.and_then(|c| Some((c.position.as_ref()?, c.frame.clone())));
+    let positions = with_positions.and_then(|(path, frame)| take(Timeline::open(path, frame, rule, &leap), &mut wrong)).map(
+        |(read, input)| {
+            table(input);
+            read
+        },
+    );
     let wheels =
         mission.wheels.as_ref().and_then(|w| take(Timeline::open(&w.table, (), rule, &leap), &mut wrong)).map(|(read, input)| {
             table(input);
@@ -226,7 +235,7 @@ pub fn prepare(path: &Path, findings: &mut Vec<Finding>) -> Result<Prepared, Fin
             read
         });
     let notes = derived::turning_coupling(&mission.common).into_iter().chain(look::slips(&mission)).collect();
-    let catalogue = take(Catalogue::open(&mission), &mut wrong);
+    let catalogue = take(Catalogue::open(&mission, sensor), &mut wrong);
     let last = wrong.pop();
     findings.append(&mut wrong);
     match (last, catalogue) {
@@ -383,7 +392,7 @@ impl Flight {
     /// # Errors
     /// What is wrong with it, a level that cannot be made, a sensor that it does not have.
     pub fn open(path: &Path, options: FlightOptions, findings: &mut Vec<Finding>) -> Result<Self, Finding> {
-        let prepared = prepare(path, findings)?;
+        let prepared = prepare_of(path, options.sensor.as_deref(), findings)?;
         let shown = path.display().to_string();
         options
             .levels
@@ -475,8 +484,8 @@ impl Flight {
         let table = self.prepared.positions.as_ref().filter(|_| self.wanted.iter().any(|level| level.is_celestial()));
         let positions = table.map(|table| table.over(&leap.day(day), leap)).transpose()?;
         let (out, force) = (self.options.out.as_path(), self.options.force);
-        let (shared, closing) = (RefCell::default(), RefCell::default());
-        Ok(DayWriter { prepared: &self.prepared, positions, out, force, sensor, uvw, day, shared, closing })
+        let (shared, closing, told) = (RefCell::default(), RefCell::default(), Cell::default());
+        Ok(DayWriter { prepared: &self.prepared, positions, told, out, force, sensor, uvw, day, shared, closing })
     }
 
     /// The levels of one sensor.
@@ -534,15 +543,18 @@ impl Flight {
             && let Some(parts) = derived::common(&self.prepared, &self.carry, day)?
         {
             made.shared.clone_from(&parts.axes);
+            made.rows.read = parts.means_read;
             for (name, rows) in parts.tables {
                 let writer = self.writer(&name, "", day)?;
-                made.written = rows.time.len();
-                let mut metadata = writer.metadata(Level::J, &parts.inputs, &made, &BTreeMap::new());
+                let written = Written::of(rows.field_nt[0].iter().copied().zip(rows.flags.iter().copied()));
+                made.written = written.rows;
+                made.null = written.null.values().sum();
+                let mut metadata = writer.metadata(Level::J, &parts.inputs, &made, &written);
                 let mark = metadata.pop();
                 metadata.retain(|(key, _)| parts.says.iter().all(|(own, _)| own != key));
                 metadata.extend(parts.says.iter().cloned());
                 metadata.extend(mark);
-                writer.write(Level::J, std::iter::once(rows), metadata)?;
+                writer.write(Level::J, rows, metadata)?;
                 writer.finish()?;
             }
             made.levels.push(Level::J.letter().to_owned());

@@ -174,6 +174,21 @@ pub fn spectra(before: &Series, after: &Series, day: &Range<Tt2000>, mode: u8, r
     Some((of(pick(before))?, of(pick(after))?))
 }
 
+/// Reads the record of a day.
+fn record(path: &Path) -> Result<DayRecord, Finding> {
+    let text = std::fs::read(path).map_err(|e| Finding::io(path, "read", &e))?;
+    serde_json::from_slice(&text)
+        .map_err(|e| Finding::error(&path.display().to_string(), format!("is no record of a day: {e}"), "make the day again"))
+}
+
+/// Checks the record of a day.
+///
+/// # Errors
+/// A file that cannot be read or is none.
+pub fn check_day(path: &Path) -> Result<(), Finding> {
+    record(path).map(drop)
+}
+
 /// Writes the report of all days that stand in a folder of results, with further notes: the page, whose path is returned, and the table of heater
 /// jumps; `None` where there are no days.
 ///
@@ -188,11 +203,7 @@ pub fn report(prepared: &Prepared, further: &[Note], out: &Path, force: bool) ->
     let mut days: Vec<DayShown> = Vec::new();
     let mut notes = Vec::new();
     for name in names {
-        let path = folder.join(DAYS).join(&name);
-        let text = std::fs::read(&path).map_err(|e| Finding::io(&path, "read", &e))?;
-        let record: DayRecord = serde_json::from_slice(&text).map_err(|e| {
-            Finding::error(&path.display().to_string(), format!("is no record of a day: {e}"), "make the day again")
-        })?;
+        let record = record(&folder.join(DAYS).join(&name))?;
         notes.extend(record.notes_of_mission);
         days.push((record.made, record.figures));
     }

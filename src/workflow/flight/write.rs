@@ -8,7 +8,7 @@ use crate::data::provenance::Input;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::files::flight::auxiliary::Positions;
 use crate::files::flight::levels::{LevelRows, Shared, file_name, partition, write};
-use crate::files::flight::mission::MeansFrame;
+use crate::files::flight::mission::{MeansFrame, RangeMatrix, Sensor, Span};
 use crate::files::flight::text;
 use crate::files::output::Folder;
 use crate::flight::Block;
@@ -16,7 +16,7 @@ use crate::flight::attitude::positions_km;
 use crate::flight::made::DayMade;
 use crate::flight::means::Means;
 use std::borrow::Cow;
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -31,6 +31,8 @@ pub struct DayWriter<'a> {
     pub prepared: &'a Prepared,
     /// Positions about the day.
     pub positions: Option<Arc<Positions>>,
+    /// Whether vectors without a position were told.
+    pub told: Cell<bool>,
     /// Folder of the results.
     pub out: &'a Path,
     /// Foreign files are written over.
@@ -54,7 +56,8 @@ impl DayWriter<'_> {
     /// What the operating system says, or a name that is taken.
     pub fn take(&self, level: Level, product: &Product<'_>, inputs: &[Input], made: &mut DayMade) -> Result<(), Finding> {
         let span = self.prepared.leap.day(self.day);
-        let metadata = self.metadata(level, inputs, made, &nulls(product, &span));
+        self.tell_positions(level, product, &span, made);
+        let metadata = self.metadata(level, inputs, made, &Written::of_product(product, &span));
         match product {
             Product::Vectors(blocks) => {
                 let groups = || {
@@ -64,26 +67,38 @@ impl DayWriter<'_> {
                 self.text(level, groups(), &metadata)?;
                 self.write_file(level, groups(), metadata, Some(&mut *self.shared.borrow_mut()))?;
             }
-            Product::Means(means, blocks) => {
-                self.text(level, std::iter::once(self.means(level, means, blocks)), &metadata)?;
-                self.write(level, std::iter::once(self.means(level, means, blocks)), metadata)?;
-            }
+            Product::Means(means, blocks) => self.write(level, self.means(level, means, blocks), metadata)?,
         }
         made.levels.push(level.letter().to_owned());
         Ok(())
     }
 
-    /// Writes groups of rows as a level.
+    /// A note on vectors beyond the ends of the table of positions, with the first level that has positions.
+    fn tell_positions(&self, level: Level, product: &Product<'_>, day: &std::ops::Range<Tt2000>, made: &mut DayMade) {
+        let Some(table) = self.positions.as_ref().filter(|_| level.is_celestial() && !self.told.get()) else { return };
+        let ends = table.time.first().zip(table.time.last());
+        let beyond = |time: &&Tt2000| ends.is_none_or(|(first, last)| !(first..=last).contains(time));
+        let (count, of) = match product {
+            Product::Vectors(blocks) => blocks.iter().fold((0, 0), |(count, of), block| {
+                let own = &block.time[block.rows_in(day)];
+                (count + own.iter().filter(beyond).count(), of + own.len())
+            }),
+            Product::Means(means, _) => (means.time.iter().filter(beyond).count(), means.time.len()),
+        };
+        if count > 0 {
+            made.notes
+                .push(format!("{count} of {of} rows of level {} have no position: they are beyond the table", level.letter()));
+        }
+        self.told.set(true);
+    }
+
+    /// Writes rows as a level, and as text where the mission wants it.
     ///
     /// # Errors
     /// What the operating system says, or a name that is taken.
-    pub fn write<'a>(
-        &self,
-        level: Level,
-        groups: impl Iterator<Item = LevelRows<'a>>,
-        metadata: Vec<(String, String)>,
-    ) -> Result<(), Finding> {
-        self.write_file(level, groups, metadata, None)
+    pub fn write(&self, level: Level, rows: LevelRows<'_>, metadata: Vec<(String, String)>) -> Result<(), Finding> {
+        self.text(level, std::iter::once_with(|| rows.clone()), &metadata)?;
+        self.write_file(level, std::iter::once(rows), metadata, None)
     }
 
     fn write_file<'a>(
@@ -140,22 +155,16 @@ impl DayWriter<'_> {
         }
     }
 
-    /// What a file says of itself; `nulls` counts its null vectors by their reason. Nothing in it depends on when or where it was made.
+    /// What a file says of itself. Nothing in it depends on when or where it was made.
     #[must_use]
-    pub fn metadata(
-        &self,
-        level: Level,
-        inputs: &[Input],
-        made: &DayMade,
-        nulls: &BTreeMap<&'static str, usize>,
-    ) -> Vec<(String, String)> {
+    pub fn metadata(&self, level: Level, inputs: &[Input], made: &DayMade, written: &Written) -> Vec<(String, String)> {
         let mission = &self.prepared.mission;
         let inputs: Vec<&Input> = self.prepared.inputs.iter().chain(inputs).collect();
         let notes: Vec<String> = self.prepared.notes.iter().map(ToString::to_string).chain(made.notes.iter().cloned()).collect();
         let rows = &made.rows;
         let counts = serde_json::json!({
             "read": rows.read, "duplicate": rows.duplicates, "conflicting": rows.conflicts, "rejected": rows.rejected,
-            "null": nulls, "written": made.written, "sensor_bit_of_another": rows.contradicting,
+            "null": written.null, "written": written.rows, "sensor_bit_of_another": rows.contradicting,
         });
         let mut list = vec![
             ("level", level.letter().to_owned()),
@@ -166,7 +175,7 @@ impl DayWriter<'_> {
             ("frame", self.frame(level).to_owned()),
             ("units", UNITS.to_owned()),
             ("time_scale", TIME_SCALE.to_owned()),
-            ("convention", "offset_unit=enT offset_acts=before_matrix offset_sign=subtracted".to_owned()),
+            ("convention", self.convention()),
             ("uncertainty", UNCERTAINTY.to_owned()),
             ("steps", mission.steps.join(" ")),
             ("counts", counts.to_string()),
@@ -182,6 +191,29 @@ impl DayWriter<'_> {
         // The mark by which the program knows its own files stands last.
         list.push(("written_by", format!("calfit {}", env!("CARGO_PKG_VERSION"))));
         list.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    }
+
+    /// How the offset of the sensor acts; of what two sensors share, that of both.
+    fn convention(&self) -> String {
+        let sensors = &self.prepared.mission.sensors;
+        let own: Vec<&Sensor> = sensors.iter().filter(|sensor| sensor.name == self.sensor).collect();
+        let list = if own.is_empty() { sensors.iter().collect() } else { own };
+        let said = list.into_iter().map(|sensor| (sensor.name.clone(), self.convention_of(sensor))).collect();
+        one_or_each(said)
+    }
+
+    /// How the offset of a sensor acts on the day: that of ground files always in one way, that of matrices as each states.
+    fn convention_of(&self, sensor: &Sensor) -> String {
+        let leap = &self.prepared.leap;
+        let day = leap.day(self.day);
+        let day = Span { from: day.start, to: day.end };
+        let of_matrix = |matrix: &RangeMatrix| {
+            let range = matrix.range.map_or_else(String::new, |range| format!("range {range} "));
+            let when = format!("{range}from {} to {}", leap.utc(matrix.span.from), leap.utc(matrix.span.to));
+            (when, if matrix.added { ADDED_BEHIND } else { SUBTRACTED_BEFORE }.to_owned())
+        };
+        let said: Vec<(String, String)> = sensor.matrices.iter().filter(|m| m.span.meets(&day)).map(of_matrix).collect();
+        if said.is_empty() { SUBTRACTED_BEFORE.to_owned() } else { one_or_each(said) }
     }
 
     fn positions(&self, level: Level, time: &[Tt2000]) -> Option<[Vec<f64>; 3]> {
@@ -234,25 +266,55 @@ impl DayWriter<'_> {
     }
 }
 
-/// The null vectors of a day by the first reason that their flags give.
-fn nulls(product: &Product<'_>, day: &std::ops::Range<Tt2000>) -> BTreeMap<&'static str, usize> {
-    const REASONS: [Flags; 5] = [Flags::NO_TEMPERATURE, Flags::TEMPERATURE, Flags::TIME, Flags::ROTATION, Flags::ATTITUDE];
-    let mut found = BTreeMap::new();
-    let mut take = |value: f64, flags: u32| {
-        if value.is_nan() {
-            let reason = REASONS.into_iter().find(|reason| Flags(flags).any_of(*reason));
-            let words =
-                reason.and_then(|reason| Flags::ALL.into_iter().find(|(flag, _)| *flag == reason)).map(|(_, words)| words);
-            *found.entry(words.unwrap_or("no vector")).or_default() += 1;
-        }
-    };
-    match product {
-        Product::Vectors(blocks) => {
-            blocks.iter().for_each(|block| block.rows_in(day).for_each(|row| take(block.field[0][row], block.flags[row])));
-        }
-        Product::Means(means, _) => means.field_nt[0].iter().zip(&means.flags).for_each(|(value, flags)| take(*value, *flags)),
+/// An offset of a ground calibration, and one of a matrix with `offset_sign = "subtracted"`.
+const SUBTRACTED_BEFORE: &str = "offset_unit=enT offset_acts=before_matrix offset_sign=subtracted";
+/// One of a matrix with `offset_sign = "added"`.
+const ADDED_BEHIND: &str = "offset_unit=nT offset_acts=behind_matrix offset_sign=added";
+
+/// What is said of all of some things alike, once; otherwise of each with its name.
+fn one_or_each(said: Vec<(String, String)>) -> String {
+    match said.first() {
+        Some((_, first)) if said.iter().all(|(_, words)| words == first) => first.clone(),
+        _ => said.iter().map(|(name, words)| format!("{name}: {words}")).collect::<Vec<_>>().join("; "),
     }
-    found
+}
+
+/// What a file holds: its rows, and those of them that are null by the first reason that their flags give.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Written {
+    /// Rows.
+    pub rows: usize,
+    /// Null ones by their reason.
+    pub null: BTreeMap<&'static str, usize>,
+}
+
+impl Written {
+    /// Counts values with their flags.
+    #[must_use]
+    pub fn of(rows: impl Iterator<Item = (f64, u32)>) -> Self {
+        const REASONS: [Flags; 5] = [Flags::NO_TEMPERATURE, Flags::TEMPERATURE, Flags::TIME, Flags::ROTATION, Flags::ATTITUDE];
+        let mut found = Self::default();
+        for (value, flags) in rows {
+            found.rows += 1;
+            if value.is_nan() {
+                let reason = REASONS.into_iter().find(|reason| Flags(flags).any_of(*reason));
+                let words =
+                    reason.and_then(|reason| Flags::ALL.into_iter().find(|(flag, _)| *flag == reason)).map(|(_, words)| words);
+                *found.null.entry(words.unwrap_or("no vector")).or_default() += 1;
+            }
+        }
+        found
+    }
+
+    fn of_product(product: &Product<'_>, day: &std::ops::Range<Tt2000>) -> Self {
+        match product {
+            Product::Vectors(blocks) => Self::of(blocks.iter().flat_map(|block| {
+                let inside = block.rows_in(day);
+                inside.map(|row| (block.field[0][row], block.flags[row]))
+            })),
+            Product::Means(means, _) => Self::of(means.field_nt[0].iter().copied().zip(means.flags.iter().copied())),
+        }
+    }
 }
 
 /// Places of the variances of x, y, z among the elements of a covariance.
