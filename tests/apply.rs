@@ -773,6 +773,61 @@ fn a_run_that_is_cut_is_unreadable_unless_it_is_allowed() {
     says(&statement, &["--allow truncated", "@END"]);
 }
 
+/// Rows of the result are found in the run again by the counter of the samples.
+#[test]
+fn the_counter_of_a_run_passes_on() {
+    let made = made(7);
+    let run = Plan::default().run().key("sensor", "\"IB\"").key("mode", "\"m\"").lose(100..103);
+    let case = Case::of(run.text());
+    let out = case.path().join("applied");
+    done(&apply(&[&made.tpf], &case.file(), &out, &[]));
+    let table = calfit::files::table::Table::from_parquet(&fs::read(out.join("09-22-38.calibrated.parquet")).unwrap()).unwrap();
+    let names: Vec<&str> = table.columns.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names[..6], ["n", "t", "x", "y", "z", "t_degc"]);
+    let column = |name: &str| match &table.columns.iter().find(|(own, _)| own == name).unwrap().1 {
+        calfit::files::table::Values::Numbers(values) => values.clone(),
+        other => panic!("{other:?}"),
+    };
+    assert_eq!(column("n"), run.samples.iter().map(|sample| sample.n as f64).collect::<Vec<_>>());
+    // The first time is the tag itself, which the run has in tenths of a millisecond; the statement says what the others are.
+    assert_eq!(column("t")[0], (run.samples[0].t * 1e4).round() / 1e4);
+    let statement = fs::read_to_string(out.join("09-22-38.calibrated.json")).unwrap();
+    says(&statement, &["\"n\"", "counter of the sample", "\"t\"", "over the sample rate"]);
+    let checked = calfit().arg("check").arg(out.join("09-22-38.calibrated.json")).output().unwrap();
+    assert_eq!(checked.status.code(), Some(0), "{}", text(&checked.stderr));
+}
+
+/// A statement is of one result: that of another table of the same name is not lost.
+#[test]
+fn the_statement_of_another_result_stays() {
+    let made = made(7);
+    let rows: Vec<Row> = vec![(readings([1000.0, 2000.0, 3000.0], 20.0, b_off_ent(20.0)), 20.0)];
+    by_command(&[&made.tcf], &rows, &made.case, &[]);
+    let out = made.case.path().join("applied");
+    let before = fs::read_to_string(out.join("raw.calibrated.json")).unwrap();
+    let csv_again = by_command(&[&made.tcf], &rows, &made.case, &[]);
+    // Field, then uncertainties, behind the columns of the data.
+    assert_eq!(csv_again.columns[6..], ["bx_nt", "by_nt", "bz_nt", "u_bx_nt", "u_by_nt", "u_bz_nt", "flags"]);
+    let run = Case::of(Plan::default().run().key("sensor", "\"IB\"").key("mode", "\"m\"").text());
+    let other = made.case.path().join("raw.CCR");
+    fs::copy(run.file(), &other).unwrap();
+    let output = apply(&[&made.tcf], &other, &out, &["--temperature", "20"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["raw.calibrated.json would replace that of raw.calibrated.csv", "-o"]);
+    assert_eq!(fs::read_to_string(out.join("raw.calibrated.json")).unwrap(), before);
+    assert!(!out.join("raw.calibrated.parquet").exists());
+    // The same of a file of the same name in another folder.
+    let elsewhere = Case::new();
+    let same_name = elsewhere.path().join("raw.csv");
+    fs::copy(made.case.path().join("raw.csv"), &same_name).unwrap();
+    let output = apply(&[&made.tcf], &same_name, &out, &[]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &["would replace that of raw.calibrated.csv of "]);
+    // It is free once the older result is gone.
+    fs::remove_file(out.join("raw.calibrated.csv")).unwrap();
+    done(&apply(&[&made.tcf], &other, &out, &["--temperature", "20"]));
+}
+
 /// The uncertainty against a Monte Carlo: coefficients drawn from the covariance that the file states, through the applicator.
 #[test]
 fn the_uncertainty_is_that_of_a_monte_carlo() {

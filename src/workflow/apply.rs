@@ -295,7 +295,7 @@ struct Statement<'a> {
     sensor: &'a str,
     mode: &'a str,
     frame: &'a str,
-    columns: [(&'static str, &'static str); 3],
+    columns: Vec<(&'static str, &'static str)>,
     uncertainty: &'static str,
     not_applied: [&'static str; 2],
     notes: Vec<String>,
@@ -304,6 +304,16 @@ struct Statement<'a> {
     counts: Option<&'a AppliedFile>,
 }
 
+/// Columns of a run; those of a table are known to the one who made it.
+const COLUMNS_OF_RUN: [(&str, &str); 4] = [
+    ("n", "counter of the sample, as in the run"),
+    (
+        "t",
+        "time of the sample, s: its counter over the sample rate, joined to the mean of the time tags; the tag itself is rounded",
+    ),
+    ("x, y, z", "reading, enT"),
+    ("t_degc", "temperature of the sensor at this time, degC"),
+];
 const COLUMNS: [(&str, &str); 3] = [
     ("bx_nt, by_nt, bz_nt", "field, nT, in the frame stated"),
     ("u_bx_nt, u_by_nt, u_bz_nt", "its standard uncertainty, nT"),
@@ -318,6 +328,8 @@ struct Work<'a> {
     options: &'a ApplyOptions,
     data: &'a Path,
     counts: AppliedFile,
+    /// What the columns are that stand before those of the calibration.
+    of_data: &'static [(&'static str, &'static str)],
     /// What every component read so far.
     still_ent: [Still; 3],
 }
@@ -350,7 +362,7 @@ const FLAGS: &str = "flags";
 const TEMPERATURE: &str = "t_degc";
 
 impl<'a> Work<'a> {
-    fn new(applied: &'a Applied, options: &'a ApplyOptions, data: &'a Path, file: &str) -> Self {
+    fn new(applied: &'a Applied, options: &'a ApplyOptions, data: &'a Path, source: &Source, file: &str) -> Self {
         let flagged = Flags::OF_CALIBRATION.map(|(flag, meaning)| Flagged { flag: flag.0, meaning, rows: 0 }).to_vec();
         let counts = AppliedFile {
             data: data.display().to_string(),
@@ -360,7 +372,8 @@ impl<'a> Work<'a> {
             flagged,
             notes: Vec::new(),
         };
-        Self { applied, options, data, counts, still_ent: [Still::Nothing; 3] }
+        let of_data: &[(&str, &str)] = if matches!(source, Source::Run(_)) { &COLUMNS_OF_RUN } else { &[] };
+        Self { applied, options, data, counts, of_data, still_ent: [Still::Nothing; 3] }
     }
 
     /// Calibrates the vectors of a batch with their temperatures.
@@ -385,12 +398,14 @@ impl<'a> Work<'a> {
             return Err(self.refused(batch.before() + row + 1, calibrated[row].flags, degc[row]));
         }
         let leaves_out = |c: &CalibratedField| self.options.outside == Outside::Null && outside(c);
-        for (component, (field, std)) in FIELD.into_iter().zip(STD).enumerate() {
-            let or_empty = |is_empty: bool, value: f64| if is_empty { f64::NAN } else { value };
-            batch.push(field, calibrated.iter().map(|c| or_empty(leaves_out(c), c.field_nt[component])).collect())?;
-            // Polynomials of the temperature state no uncertainty beyond their temperatures.
-            let states_none = |c: &CalibratedField| leaves_out(c) || c.flags.any_of(Flags::TEMPERATURE);
-            batch.push(std, calibrated.iter().map(|c| or_empty(states_none(c), c.std_nt[component])).collect())?;
+        let or_empty = |is_empty: bool, value: f64| if is_empty { f64::NAN } else { value };
+        for (component, name) in FIELD.into_iter().enumerate() {
+            batch.push(name, calibrated.iter().map(|c| or_empty(leaves_out(c), c.field_nt[component])).collect())?;
+        }
+        // Polynomials of the temperature state no uncertainty beyond their temperatures.
+        let states_none = |c: &CalibratedField| leaves_out(c) || c.flags.any_of(Flags::TEMPERATURE);
+        for (component, name) in STD.into_iter().enumerate() {
+            batch.push(name, calibrated.iter().map(|c| or_empty(states_none(c), c.std_nt[component])).collect())?;
         }
         batch.push_bits(FLAGS, calibrated.iter().map(|c| c.flags.0).collect())?;
         self.counts.rows += calibrated.len();
@@ -452,7 +467,7 @@ impl<'a> Work<'a> {
             sensor: &self.applied.sensor,
             mode: &self.applied.mode,
             frame: &self.applied.frame,
-            columns: COLUMNS,
+            columns: self.of_data.iter().chain(&COLUMNS).copied().collect(),
             uncertainty: UNCERTAINTY,
             not_applied: NOT_APPLIED,
             notes: self.applied.notes.iter().map(Note::to_string).collect(),
@@ -536,13 +551,19 @@ fn calibrated(
     let stem = stem(data);
     let format = source.format();
     let name = format!("{stem}.calibrated.{}", if format == Format::Csv { "csv" } else { "parquet" });
+    let statement_name = format!("{stem}.calibrated.json");
+    if let Some(other) = other_result(folder, &statement_name, &name, data) {
+        let rule = format!("its statement {statement_name} would replace that of {other}, which stands in the folder");
+        let remedy = "choose another folder with -o, or take the older result away";
+        return Err(Finding::error(&data.display().to_string(), rule, remedy));
+    }
     let mut input = applied.inputs.clone();
     input.push(source.input(data)?);
     let recorded = serde_json::to_value(options).unwrap_or_default();
     let mut recipe = Recipe::new("apply", &recorded);
     recipe.reading = allowed.clone();
     let provenance = Provenance::new(recipe, input);
-    let mut work = Work::new(applied, options, data, &name);
+    let mut work = Work::new(applied, options, data, &source, &name);
     let no_form = |e: serde_json::Error| Finding::error(&name, format!("has no JSON form: {e}"), "report this");
     let note = serde_json::to_string(&work.statement(&provenance, None)).map_err(no_form)?;
     let mut file = folder.create(&name)?;
@@ -558,10 +579,27 @@ fn calibrated(
     };
     work.judge(holds)?;
     file.finish()?;
-    let mut statement = serde_json::to_string_pretty(&work.statement(&provenance, Some(&work.counts))).map_err(no_form)?;
-    statement.push('\n');
-    folder.write(&format!("{stem}.calibrated.json"), statement.as_bytes())?;
+    let mut text = serde_json::to_string_pretty(&work.statement(&provenance, Some(&work.counts))).map_err(no_form)?;
+    text.push('\n');
+    folder.write(&statement_name, text.as_bytes())?;
     Ok(work.counts)
+}
+
+/// What a statement in a folder is of, where that is another result than the one of a name, or the same one of other readings: runs of
+/// two days have the same name. It counts as long as result and readings are there.
+fn other_result(folder: &Folder, statement: &str, own: &str, data: &Path) -> Option<String> {
+    let text = std::fs::read(folder.path().join(statement)).ok()?;
+    let stated: serde_json::Value = serde_json::from_slice(&text).ok()?;
+    let counts = stated.get("counts")?;
+    let (of, from) = (counts.get("file")?.as_str()?, counts.get("data")?.as_str()?);
+    if !folder.path().join(of).is_file() {
+        return None;
+    }
+    if of != own {
+        return Some(of.to_owned());
+    }
+    let is_other = Path::new(from).canonicalize().is_ok_and(|before| data.canonicalize().is_ok_and(|now| now != before));
+    is_other.then(|| format!("{of} of {from}"))
 }
 
 /// The name of a file without its endings.

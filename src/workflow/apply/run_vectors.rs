@@ -51,7 +51,7 @@ pub(super) fn vectors(work: &mut Work, own: &Run, allowed: &Reading, note: &str,
     work.counts.notes.extend(own.findings.iter().map(|f| format!("{}{}; {}", place(f.line), f.rule, f.remedy)));
     let degc = Thermometer::of(work, own)?;
     let writer = Writer::new(file, Format::Parquet, note);
-    let mut sink = Sink { work, degc, writer, t_s: Vec::new(), readings: Default::default(), error: None };
+    let mut sink = Sink { work, degc, writer, counters: Vec::new(), t_s: Vec::new(), readings: Default::default(), error: None };
     read_with(data, allowed, &mut sink).map_err(|findings| {
         let shown = data.display().to_string();
         findings.into_iter().next_back().unwrap_or_else(|| Finding::error(&shown, "cannot be read", "check the file"))
@@ -184,6 +184,8 @@ struct Sink<'a, 'b> {
     work: &'a mut Work<'b>,
     degc: Thermometer,
     writer: Writer<'a>,
+    /// Counters of the samples, by which rows are found in the run again.
+    counters: Vec<f64>,
     t_s: Vec<f64>,
     readings: [Vec<f64>; 3],
     error: Option<Finding>,
@@ -194,6 +196,8 @@ const CHUNK: usize = 1 << 17;
 
 impl VectorSink for Sink<'_, '_> {
     fn vector(&mut self, vector: Vector) {
+        #[expect(clippy::cast_precision_loss, reason = "a counter of fifteen digits is exact")]
+        self.counters.push(vector.n as f64);
         self.t_s.push(vector.t_s);
         for (column, reading) in self.readings.iter_mut().zip(vector.reading.0) {
             column.push(reading);
@@ -212,11 +216,12 @@ impl Sink<'_, '_> {
     }
 
     fn write(&mut self) -> Result<(), Finding> {
+        let counters = std::mem::take(&mut self.counters);
         let t_s = std::mem::take(&mut self.t_s);
         let readings = std::mem::take(&mut self.readings);
         let degc: Vec<f64> = t_s.iter().map(|t| self.degc.at(*t)).collect();
         let [x, y, z] = readings.clone();
-        let columns = vec![("t", t_s), ("x", x), ("y", y), ("z", z), (TEMPERATURE, degc.clone())];
+        let columns = vec![("n", counters), ("t", t_s), ("x", x), ("y", y), ("z", z), (TEMPERATURE, degc.clone())];
         let mut batch = Batch::of_numbers(columns, self.work.counts.rows)?;
         self.work.calibrate(&mut batch, &readings, &degc)?;
         self.writer.write(&batch)
