@@ -816,13 +816,6 @@ fn the_statement_of_another_result_stays() {
     says(&text(&output.stderr), &["raw.calibrated.json would replace that of raw.calibrated.csv", "-o"]);
     assert_eq!(fs::read_to_string(out.join("raw.calibrated.json")).unwrap(), before);
     assert!(!out.join("raw.calibrated.parquet").exists());
-    // The same of a file of the same name in another folder.
-    let elsewhere = Case::new();
-    let same_name = elsewhere.path().join("raw.csv");
-    fs::copy(made.case.path().join("raw.csv"), &same_name).unwrap();
-    let output = apply(&[&made.tcf], &same_name, &out, &[]);
-    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
-    says(&text(&output.stderr), &["would replace that of raw.calibrated.csv of "]);
     // It is free once the older result is gone.
     fs::remove_file(out.join("raw.calibrated.csv")).unwrap();
     done(&apply(&[&made.tcf], &other, &out, &["--temperature", "20"]));

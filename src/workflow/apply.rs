@@ -552,7 +552,7 @@ fn calibrated(
     let format = source.format();
     let name = format!("{stem}.calibrated.{}", if format == Format::Csv { "csv" } else { "parquet" });
     let statement_name = format!("{stem}.calibrated.json");
-    if let Some(other) = other_result(folder, &statement_name, &name, data) {
+    if let Some(other) = other_result(folder, &statement_name, &name) {
         let rule = format!("its statement {statement_name} would replace that of {other}, which stands in the folder");
         let remedy = "choose another folder with -o, or take the older result away";
         return Err(Finding::error(&data.display().to_string(), rule, remedy));
@@ -585,21 +585,12 @@ fn calibrated(
     Ok(work.counts)
 }
 
-/// What a statement in a folder is of, where that is another result than the one of a name, or the same one of other readings: runs of
-/// two days have the same name. It counts as long as result and readings are there.
-fn other_result(folder: &Folder, statement: &str, own: &str, data: &Path) -> Option<String> {
+/// The result that a statement in a folder is of, where it is another one than that of a name and still there.
+fn other_result(folder: &Folder, statement: &str, own: &str) -> Option<String> {
     let text = std::fs::read(folder.path().join(statement)).ok()?;
     let stated: serde_json::Value = serde_json::from_slice(&text).ok()?;
-    let counts = stated.get("counts")?;
-    let (of, from) = (counts.get("file")?.as_str()?, counts.get("data")?.as_str()?);
-    if !folder.path().join(of).is_file() {
-        return None;
-    }
-    if of != own {
-        return Some(of.to_owned());
-    }
-    let is_other = Path::new(from).canonicalize().is_ok_and(|before| data.canonicalize().is_ok_and(|now| now != before));
-    is_other.then(|| format!("{of} of {from}"))
+    let of = stated.get("counts")?.get("file")?.as_str()?;
+    (of != own && folder.path().join(of).is_file()).then(|| of.to_owned())
 }
 
 /// The name of a file without its endings.
