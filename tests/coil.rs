@@ -897,6 +897,13 @@ fn a_facility_beyond_the_temperatures_of_its_own_calibration_is_told() {
         let messages = case.done(&["--facility", facility.to_str().unwrap(), "--order", "0"]);
         let words = "is used from 20.5 to 20.5 °C: it has no coefficients of the coil temperature";
         assert_eq!(messages.contains(words), is_told, "{messages}");
+        // The published ones of CH-GFZ-TR-2601, beyond the calibration: 1.9e-5 per kelvin in all axes together, and 0.25e-5 in each by itself.
+        let file = case.cpf();
+        let beyond_k = 20.5 - highest;
+        let expected = sigma(&file).map(|sigma| beyond_k * sigma * 1.9e-5_f64.hypot(0.25e-5));
+        three(&file, "std_b.sigma").iter().zip(expected).for_each(|(found, wanted)| {
+            assert!((found / wanted - 1.0).abs() < 0.01, "{highest}: {found} {wanted}");
+        });
     }
 }
 

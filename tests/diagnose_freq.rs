@@ -115,7 +115,8 @@ fn a_table_of_a_handful_of_amplitudes_is_refused_by_name() {
     for count in [1, 2, 4] {
         let few = rows.iter().step_by(rows.len() / count).take(count).copied();
         fs::write(&path, head.iter().copied().chain(few).map(|line| format!("{line}\n")).collect::<String>()).unwrap();
-        let output = calfit().args(["diagnose", "--no-plots", "--amplitudes"]).arg(&path).arg("-o").arg(folder.path()).output().unwrap();
+        let output =
+            calfit().args(["diagnose", "--no-plots", "--amplitudes"]).arg(&path).arg("-o").arg(folder.path()).output().unwrap();
         let told = text(&output.stderr);
         assert_ne!(output.status.code(), Some(0), "{count} rows: {told}");
         assert!(told.contains("amplitudes") && told.contains("measure more frequencies"), "{count} rows: {told}");
@@ -126,8 +127,15 @@ fn a_table_of_a_handful_of_amplitudes_is_refused_by_name() {
 /// Sines on all axes, each setting with a phase of its own, through a second order of 50, 55 and 60 Hz and one pole more at `pole_hz`;
 /// `time_s` is what a clock with the time tags of the run has passed.
 fn with_sines(seed: u64, pole_hz: f64, time_s: impl Fn(f64) -> f64) -> Run {
-    let frequencies_hz = [890.0, 13.0, 1.7, 350.0, 61.0, 5.3, 610.0, 29.0, 150.0, 0.7, 97.0, 240.0, 470.0, 42.0];
-    let mut plan = Plan { settings: sines(&frequencies_hz, 1000.0), ..Plan::default() };
+    of_sines(&FREQUENCIES_HZ, seed, pole_hz, time_s, |_| 1.0)
+}
+
+/// In an order without pattern.
+const FREQUENCIES_HZ: [f64; 14] = [890.0, 13.0, 1.7, 350.0, 61.0, 5.3, 610.0, 29.0, 150.0, 0.7, 97.0, 240.0, 470.0, 42.0];
+
+/// The same with frequencies in an order, and a field that changes with the time by a factor.
+fn of_sines(frequencies_hz: &[f64], seed: u64, pole_hz: f64, time_s: impl Fn(f64) -> f64, field: impl Fn(f64) -> f64) -> Run {
+    let mut plan = Plan { settings: sines(frequencies_hz, 1000.0), ..Plan::default() };
     plan.settings.iter_mut().for_each(|setting| setting.field = [1000.0; 3]);
     let (truth, mut gauss) = (plan.truth.clone(), Gauss(seed));
     let mut run = plan.run().key("kind", "\"frequency\"").key("configuration", "\"FREQ1000.MAG\"");
@@ -144,7 +152,7 @@ fn with_sines(seed: u64, pole_hz: f64, time_s: impl Fn(f64) -> f64) -> Run {
                 let gain = (re.hypot(im) * pole.hypot(1.0)).recip();
                 let phase = f * (t - setting.t_start) + (k * k) as f64 * 0.13;
                 let angle = TAU * phase.fract() - im.atan2(re) - pole.atan();
-                sample.reading[i] += (full[i] - zero[i]) * gain * angle.sin();
+                sample.reading[i] += (full[i] - zero[i]) * field(t) * gain * angle.sin();
             }
         }
         (0..3).for_each(|i| sample.reading[i] += 0.3 * gauss.normal());
@@ -158,6 +166,26 @@ fn diagnosed(run: &Run) -> serde_json::Value {
     let output = case.run("diagnose", &["--no-plots"]);
     assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
     serde_json::from_slice(&fs::read(case.out().join(RUN_ID).join("diagnosis.json")).unwrap()).unwrap()
+}
+
+/// A source gets weaker by a hundredth while the frequencies go down: that looks like a response, and is no certain one.
+#[test]
+fn a_source_that_drifts_is_no_certain_response() {
+    let mut down_hz = FREQUENCIES_HZ;
+    down_hz.sort_by(|a, b| b.total_cmp(a));
+    for (seed, part) in [(1, 0.01), (2, -0.01), (3, 0.003)] {
+        let run = of_sines(&down_hz, seed, f64::INFINITY, |t| t, |t| 1.0 - part * t / 180.0);
+        let found = diagnosed(&run);
+        let certain: Vec<&str> = found["steps"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|s| s["wording"] == "is")
+            .map(|s| s["effect"].as_str().unwrap())
+            .collect();
+        assert!(certain.is_empty(), "{part}: {certain:?}");
+        assert_ne!(found["verdict_kind"], "none", "{part}");
+    }
 }
 
 /// A clock that drifts by 2e-5 over the run has the wrong frequency in most settings, by a tenth of a turn at their ends: nothing is lost.

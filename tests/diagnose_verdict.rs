@@ -441,6 +441,88 @@ fn two_temperatures_that_go_against_each_other_are_not_silence() {
     assert!(both >= 3, "{both} of 4");
 }
 
+/// The offset follows the sensor, and the thermistor the sensor by 12 s: the readings are the temperature with its rate, which any wave of a like period
+/// describes, too. Whatever is named, it is not certain that the offset drifts by itself.
+#[test]
+fn an_offset_behind_a_late_thermistor_is_no_certain_drift() {
+    const LATE_S: f64 = 12.0;
+    for seed in 50..54 {
+        let sensor = |t: f64| 3.0 * (TAU * t / (150.0 + 20.0 * (seed % 4) as f64) + seed as f64).sin();
+        // A signal to noise ratio of 30.
+        let per_k = 30.0 * MEAN_ENT / (3.0 * (SETTINGS as f64 / 2.0).sqrt());
+        let middle = |i: usize| SETTING_S * (i as f64 + 0.5);
+        let mut run = run(seed, |i, _| [0.0, per_k * sensor(middle(i)), 0.0]);
+        let mut gauss = Gauss(seed);
+        let times = (0..).map(|i| 4.0 * f64::from(i)).take_while(|t| *t <= SETTING_S * SETTINGS as f64);
+        run.temperatures = times.map(|t| (t, [Some(17.0), Some(20.0 + sensor(t - LATE_S) + 0.01 * gauss.normal())])).collect();
+        let said = Said::of(&run);
+        assert_ne!(said.diagnosis["verdict_kind"], "none", "{seed}: {}", said.diagnosis["verdict"]);
+        for step in said.steps().iter().filter(|step| step["effect"] == "offset_drift") {
+            assert_ne!(step["wording"], "is", "{seed}: {step}");
+            assert!(step["ambiguous_with"].to_string().contains("sensor_temperature_offset"), "{seed}: {step}");
+        }
+    }
+}
+
+/// The gain of all axes jumps by a part of 3e-6 of fields of 1150 nT in the mean square.
+#[test]
+fn a_jump_of_the_sensitivity_is_found() {
+    const ONSET: usize = 40;
+    // A signal to noise ratio of 40: half of the settings of three axes, each half of it absorbed by the sensitivities of all.
+    let part = 40.0 * MEAN_ENT / (1150.0 * (3.0 * SETTINGS as f64 / 4.0).sqrt());
+    for seed in [60, 61] {
+        let truth = Plan::default().truth;
+        let said = Said::of(&run(seed, |i, settings| {
+            let pure = truth.reading(settings[i].field);
+            std::array::from_fn(|a| if i >= ONSET { part * (pure[a] - truth.offset_ent[a]) } else { 0.0 })
+        }));
+        let steps = said.steps();
+        assert_eq!(steps.len(), 1, "{seed}: {steps:?}");
+        assert_eq!(steps[0]["effect"], "sensitivity_step", "{seed}");
+        says(steps[0]["where"].as_str().unwrap(), &["where the time is"]);
+        let value = |name: &str| steps[0]["parameters"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap().clone();
+        let [found, std] = ["value", "std"].map(|key| value("g")[key].as_f64().unwrap());
+        assert!((found - part).abs() < 3.0 * std && std < 0.1 * part, "{seed}: {found} ± {std}, {part}");
+        let onset_s = value("onset")["value"].as_f64().unwrap();
+        assert!((onset_s - SETTING_S * ONSET as f64).abs() <= SETTING_S, "{seed}: {onset_s}");
+    }
+}
+
+/// The part of a quadratic grows from nothing to twice its mean while the axis is driven up and down without pattern: what is named may not be certain.
+/// Along stairs that go one way the same would be a quadratic and a cubic.
+#[test]
+fn a_quadratic_that_grows_is_not_certain() {
+    // Seven has no factor of 24.
+    let level = |i: usize| 2000.0 * ((7 * i % 24) as f64 - 11.5) / 11.5;
+    let stairs: Vec<Setting> = (0..SETTINGS)
+        .map(|i| {
+            let field = std::array::from_fn(|a| if a == i / 24 { level(i) } else { 0.0 });
+            Setting::constant(SETTING_S * i as f64, SETTING_S * (i + 1) as f64, field, 1)
+        })
+        .collect();
+    for seed in 70..73 {
+        let plan = Plan { settings: stairs.clone(), rate_hz: RATE_HZ, noise_ent: NOISE_ENT, seed, ..Plan::default() };
+        let mut run = plan.run();
+        run.reading_decimals = 5;
+        // x² in units of its largest value has a mean square of about 0.2 over 24 settings.
+        let size = 60.0 * MEAN_ENT / (0.2 * 24.0_f64).sqrt();
+        for i in 24..48 {
+            let grown = 2.0 * (i - 24) as f64 / 23.0;
+            for k in run.samples_of(i) {
+                run.samples[k].reading[1] += size * grown * (level(i) / 2000.0).powi(2);
+            }
+        }
+        let said = Said::of(&run);
+        let certain: Vec<&Value> = said
+            .steps()
+            .into_iter()
+            .filter(|step| step["wording"] == "is" && step["effect"] == "quadratic_nonlinearity")
+            .collect();
+        assert!(certain.is_empty(), "{seed}: {certain:?}");
+        assert_ne!(said.diagnosis["verdict_kind"], "none", "{seed}");
+    }
+}
+
 /// Single samples of 200 and 370 nT are no tone and no heater.
 #[test]
 fn two_spikes_are_no_signal() {

@@ -352,6 +352,10 @@ fn a_lag_of_eight_minutes_is_found_given_or_left_out() {
             assert!(off_nt(&case) < 0.1, "{}", off_nt(&case));
             let (without, _) = swept(&case, &["--lag", "none"]);
             assert_eq!(decided(&without, "decision"), Some("not looked for"));
+            says(
+                &without["warnings"].to_string(),
+                &["explains the readings, but --lag none was given", "times its stated uncertainty"],
+            );
             assert!(rms(pulls(&without, &twin)[..3].as_flattened()) > 5.0);
             let (given, stdout) = swept(&case, &["--lag", arguments]);
             assert_eq!(decided(&given, "decision"), Some("given"));
@@ -410,6 +414,53 @@ fn change_thermistor(case: &Case, change: impl Fn(f64, f64) -> f64) {
         format!("{t_s},{:.3},{others}\n", change(number(t_s), number(t59)))
     });
     fs::write(&run, format!("{head}@TEMPERATURES\n{names}\n{}@{rest}", rows.collect::<String>())).unwrap();
+}
+
+/// A sensitivity that bends as that of CHAMP is asked for as a straight line: the line is off by many of its uncertainties, which must be said.
+#[test]
+fn orders_that_are_too_low_are_told() {
+    let mut twin = demo();
+    twin.sensors[0].model.sigma[0].push(-3.5e-8);
+    let case = campaign(&twin, 3);
+    let (file, _) = swept(&case, &["--order", "sigma=1", "--lag", "none"]);
+    let warnings = file["warnings"].to_string();
+    says(&warnings, &["the orders that were asked for are too low: the next coefficient of sigma_x is up to "]);
+    assert!(pulls(&file, &twin)[0].iter().any(|pull| pull.abs() > 10.0));
+    let (file, _) = swept(&case, &["--order", "sigma=2"]);
+    assert!(!file.to_string().contains("orders that were asked for"));
+    assert!(pulls(&file, &twin)[0].iter().all(|pull| pull.abs() < 5.0));
+}
+
+/// One of many settings that is off by 100 enT makes all uncertainties many times as large: which one it is must be said.
+#[test]
+fn a_disturbed_setting_is_told() {
+    let twin = demo();
+    let case = campaign(&twin, 3);
+    let (sound, _) = swept(&case, &[]);
+    assert!(!sound.to_string().contains("stand out"));
+    let run = case.campaign().join("26-03-03/16-00-00.CCR");
+    let before = fs::read_to_string(&run).unwrap();
+    let (head, vectors) = before.split_once("@VECTORS\n").unwrap();
+    let settings = head.split_once("@FIELDS\n").unwrap().1;
+    let times = |row: &str| -> Option<[f64; 2]> {
+        let mut cells = row.split(',').map(str::parse::<f64>);
+        Some([cells.next()?.ok()?, cells.next()?.ok()?])
+    };
+    let [begin_s, end_s] = settings.lines().filter_map(times).nth(200).unwrap();
+    let disturbed = vectors.lines().map(|line| {
+        let cells: Vec<&str> = line.split(',').collect();
+        let is_inside = cells.get(1).and_then(|t| t.parse().ok()).is_some_and(|t: f64| begin_s < t && t < end_s);
+        match (is_inside, cells.as_slice()) {
+            (true, [n, t, x, y, z]) => format!("{n},{t},{:.3},{y},{z}\n", x.parse::<f64>().unwrap() + 100.0),
+            _ => format!("{line}\n"),
+        }
+    });
+    fs::write(&run, format!("{head}@VECTORS\n{}", disturbed.collect::<String>())).unwrap();
+    let (file, _) = swept(&case, &[]);
+    let warnings = file["warnings"].to_string();
+    let told = warnings.split_once("settings at ").unwrap().1.split_once(" s").unwrap().0;
+    let at_s: f64 = told.parse().unwrap();
+    assert!(begin_s < at_s && at_s < end_s, "{told}: {begin_s} to {end_s}");
 }
 
 /// The first reading of the thermistor, or the last one, is off by a kelvin while the temperature moves: it is taken from the course of the others, no

@@ -20,7 +20,7 @@ fuzz_target!(|bytes: &[u8]| {
     let celestial = || MISSION.celestial.clone().expect("a frame");
     as_file(&table_name("table", table), table, |path| match which {
         b'0' => timeline::<Attitude>(path, celestial()),
-        b'1' => timeline::<Positions>(path, ()),
+        b'1' => timeline::<Positions>(path, celestial().frame),
         b'2' => timeline::<WheelRates>(path, ()),
         b'3' => timeline::<ModelField>(path, celestial().frame),
         b'4' => {

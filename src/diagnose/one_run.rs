@@ -121,6 +121,10 @@ pub(super) fn run(
     let mut of_plateaus: Vec<Note> = Vec::new();
     conditions::warn_of_plateaus(&mut of_plateaus, run, plateaus);
     notes.extend(of_plateaus.into_iter().filter(|note| !is_displaced || note.kind != NoteKind::Mismatch));
+    // What follows the steps of the field is larger in some settings than in others.
+    if !inside.all.iter().any(|f| f.effect.in_samples().is_some_and(InSamples::follows_steps)) {
+        notes.extend(samples::loud(plateaus));
+    }
     if run.vectors.lost > 0 {
         let text = conditions::lost(run.vectors.lost, run.vectors.gap_count);
         notes.push(Note::new(NoteKind::Data, text));

@@ -1,6 +1,7 @@
 //! What happens inside the plateaus: displaced edges, transients after steps, periodic signals.
 
 mod edges;
+mod loud;
 mod periodic;
 mod scatter;
 mod transients;
@@ -9,6 +10,7 @@ use crate::fit::statistics::median;
 use crate::model::effects::{EffectRef, Record, Row, Spec};
 use crate::record::prepared::{PreparedRun, Samples};
 pub use edges::displaced;
+pub use loud::loud;
 pub use periodic::periodic;
 use rayon::prelude::*;
 pub(super) use transients::phases;

@@ -162,10 +162,13 @@ pub fn sentence(step: &Step) -> String {
     let verb = if step.wording == "is" { "show" } else { "are consistent with" };
     // Damage is named without a prediction.
     let gap = if step.gap_before.chi2_per_dof > 0.0 {
-        format!(
-            "; on stretches that were left out of the fit, chi square over degrees of freedom goes from {:.2} to {:.2}",
-            step.gap_before.chi2_per_dof, step.gap_after.chi2_per_dof
-        )
+        let of = if step.effect.in_samples().is_some() {
+            "of the samples inside the plateaus"
+        } else {
+            "on stretches that were left out of the fit"
+        };
+        let [before, after] = [&step.gap_before, &step.gap_after].map(|gap| gap.chi2_per_dof);
+        format!("; {of}, chi square over degrees of freedom goes from {before:.2} to {after:.2}")
     } else {
         String::new()
     };

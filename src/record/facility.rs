@@ -125,7 +125,9 @@ pub fn apply(
                      uncertainty ({SCALE_PER_K:.1e} per kelvin of the scale factors, {OFFSET_NT_PER_K:.1} nT/K of the offset fields), they are in the \
                      uncertainties of type B"
                 ),
-                (false, _) => format!("it has no coefficients of the {what} temperature, and what that changes is in no uncertainty"),
+                (false, _) => {
+                    format!("it has no coefficients of the {what} temperature, and what that changes is in no uncertainty")
+                }
             };
             let text = format!(
                 "{} was measured at {what} temperatures from {low:.1} to {high:.1} °C and is used from {from:.1} to {to:.1} °C: {outside}",

@@ -146,7 +146,7 @@ fn places(places: &[Place], scale: Scale) -> Vec<Block> {
     };
     if told.is_empty() {
         let words = format!(
-            "Nowhere by {TOLD} standard uncertainties or more. The largest displacement before anything is named: {}.",
+            "The plateau means disagree nowhere by {TOLD} standard uncertainties or more. The largest displacement before anything is named: {}.",
             of(first)
         );
         return vec![words.into()];

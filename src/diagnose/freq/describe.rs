@@ -39,7 +39,8 @@ pub(super) fn describe(search: &SineSearch, fit: &Fit, found: &Term, index: usiz
         gaps[0].max_nt / map.noise_nt
     );
     let remark = if found.may_be_in_time {
-        " A source whose amplitude drifts with time describes the sines as well: the frequencies go one way, or nearly so.".to_owned()
+        " A source whose amplitude drifts with time describes the sines as well: the frequencies go one way, or nearly so."
+            .to_owned()
     } else {
         String::new()
     };

@@ -9,6 +9,7 @@ use crate::diagnose::result::{Gap, Map, Parameter, Telling};
 use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape_parameters};
 use crate::diagnose::{APART, selection, words};
 use crate::fit::scan::Score;
+use crate::model::effects::sensitivity_step::SensitivityStep;
 use crate::model::effects::{Family, GAIN_WITH, Record, UNKNOWN};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
@@ -130,20 +131,22 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let doubts = [
         (!is_apart_from_zero(candidate, &parameters), "No size of its form stands out of its own uncertainty."),
         (rivals.has_family_twin(), "Another curve of the reading is so much like it that a real one may be either."),
-        (has_twin_beside(candidate, &others), "Another curve of the same axis is named beside it: together they may stand for one that is neither."),
+        (
+            has_twin_beside(candidate, &others),
+            "Another curve of the same axis is named beside it: together they may stand for one that is neither.",
+        ),
         (!is_constant(means, &without, &others, candidate), "Its size is not the same in the beginning and the end of the run."),
         (
             candidate.effect.about().family == Family::Time && !means.prepared.faults.is_empty(),
             "A temperature channel is damaged: what follows the temperature looks the same.",
         ),
         (
-            begins_with_large_field(&means.prepared.record, candidate),
+            !candidate.effect.is(&SensitivityStep) && begins_with_large_field(&means.prepared.record, candidate),
             "It begins with the largest field for many settings: a hysteresis that remembers it looks the same.",
         ),
     ];
     let doubts: Vec<&str> = doubts.into_iter().filter(|(is_so, _)| *is_so).map(|(_, why)| why).collect();
-    let is_doubted =
-        has_near_rival || one_plateau_s.is_some() || !in_time.is_empty() || apart.is_some() || !doubts.is_empty();
+    let is_doubted = has_near_rival || one_plateau_s.is_some() || !in_time.is_empty() || apart.is_some() || !doubts.is_empty();
     let mut ambiguous_with = rivals.ambiguous();
     for other in in_time.iter().map(|(effect, _)| *effect).chain(apart.iter().map(|_| UNKNOWN)) {
         if !candidate.effect.is_unknown() && !ambiguous_with.contains(&other) {
@@ -241,8 +244,9 @@ fn is_constant(means: &Means, without: &MeansModel, others: &[&Candidate], candi
     }
     let record = &means.prepared.record;
     let n = record.rows.len();
-    let columns =
-        DMatrix::from_fn(3 * n, candidate.columns.ncols(), |i, j| candidate.columns[(i, j)] * record.tau(record.rows[i % n].t_s()));
+    let columns = DMatrix::from_fn(3 * n, candidate.columns.ncols(), |i, j| {
+        candidate.columns[(i, j)] * record.tau(record.rows[i % n].t_s())
+    });
     let moving = Candidate { columns, ..candidate.clone() };
     let with: Vec<&Candidate> = others.iter().copied().chain([candidate]).collect();
     let beside = means.model_with(without.noise.clone(), &with);

@@ -37,15 +37,20 @@ pub(super) fn orders_too_low(problem: &Problem, asked: &Asked, settled: &Settled
          uncertainty",
         names.join(", ")
     );
-    Some(Note::new(NoteKind::Fit, text).with_remedy("give higher orders with --order or in campaign.toml, or leave them to the program"))
+    Some(
+        Note::new(NoteKind::Fit, text)
+            .with_remedy("give higher orders with --order or in campaign.toml, or leave them to the program"),
+    )
 }
 
 /// Says which settings stand out: one that was disturbed moves the polynomials, and makes their uncertainties large.
 pub(super) fn standing_out(blocks: &[SweepBlock]) -> Vec<Note> {
     let of_axis = |axis: usize| {
         let usual = robust_std(blocks.iter().map(|b| b.residual_nt[axis]));
-        let far: Vec<&SweepBlock> = blocks.iter().filter(|b| usual > 0.0 && b.residual_nt[axis].abs() > OUTLIER * usual).collect();
-        let largest_nt = far.iter().map(|b| b.residual_nt[axis].abs()).reduce(f64::max)?;
+        let size_nt = |b: &SweepBlock| b.residual_nt[axis].abs();
+        let mut far: Vec<&SweepBlock> = blocks.iter().filter(|b| usual > 0.0 && size_nt(b) > OUTLIER * usual).collect();
+        far.sort_by(|a, b| size_nt(b).total_cmp(&size_nt(a)));
+        let largest_nt = size_nt(far.first()?);
         let name = ["X", "Y", "Z"][axis];
         let told: Vec<String> = far.iter().take(MOST_TOLD).map(|b| format!("{:.0}", b.t_s)).collect();
         let more = far.len().saturating_sub(MOST_TOLD);
@@ -55,7 +60,11 @@ pub(super) fn standing_out(blocks: &[SweepBlock]) -> Vec<Note> {
              polynomials are with them",
             told.join(", ")
         );
-        Some(Note::new(NoteKind::Fit, text).about(name).with_remedy("look at them, and leave them out with --exclude or [[exclude]]"))
+        Some(
+            Note::new(NoteKind::Fit, text)
+                .about(name)
+                .with_remedy("look at them, and leave them out with --exclude or [[exclude]]"),
+        )
     };
     (0..3).filter_map(of_axis).collect()
 }

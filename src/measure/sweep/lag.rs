@@ -210,8 +210,10 @@ fn unclaimed(channel: &str, declined: Option<(Lag, Rival)>, effect: Option<Effec
         }
         (None, Some(effect)) if effect.hidden_s * effect.per_s > TOLD => {
             let hidden = seconds(effect.hidden_s);
-            let drift = if effect.hidden_s < LONGEST_HIDDEN_S { "" } else { ", nor would a gain or a thermistor that drifts with time" };
-            let text = format!("no lag behind {channel} is claimed, but one of up to {hidden} s would not show in this run{drift}");
+            let drift =
+                if effect.hidden_s < LONGEST_HIDDEN_S { "" } else { ", nor would a gain or a thermistor that drifts with time" };
+            let text =
+                format!("no lag behind {channel} is claimed, but one of up to {hidden} s would not show in this run{drift}");
             (text, effect.hidden_s.min(MINUTE_S))
         }
         (None, _) => return None,

@@ -4,7 +4,8 @@ use super::between::{self, BETWEEN_RUNS, BetweenRuns, Cause, Runs, TOGETHER_AND_
 use super::one;
 use super::record::{Channel, centred, delayed};
 use super::{
-    About, Acts, Column, Effect, Family, GAIN_WITH, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen, singly_and_together,
+    About, Acts, Column, Effect, Family, GAIN_WITH, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen,
+    singly_and_together,
 };
 use crate::data::run::Kind;
 use crate::data::units::COMPONENTS;

@@ -2,7 +2,8 @@
 
 use super::coil_temperature::{LAG, deviation, moving, now_and_later, scale_columns};
 use super::{
-    About, Acts, Column, Effect, Family, GAIN_WITH, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen, one, singly_and_together,
+    About, Acts, Column, Effect, Family, GAIN_WITH, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen, one,
+    singly_and_together,
 };
 use crate::data::run::Kind;
 use crate::data::units::COMPONENTS;

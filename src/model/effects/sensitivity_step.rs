@@ -72,7 +72,8 @@ impl Effect for SensitivityStep {
             let of_all = Column::of("g", "1", record, |_, row| row.linear_ent.map(|x| x * part_after(onset_s, row.used_s)));
             return Some(vec![of_all]);
         }
-        let of = |axis: usize| Column::on("g", axis, "1", record, |_, row| row.linear_ent[axis] * part_after(onset_s, row.used_s));
+        let of =
+            |axis: usize| Column::on("g", axis, "1", record, |_, row| row.linear_ent[axis] * part_after(onset_s, row.used_s));
         Some(spec.axes.iter().map(|axis| of(*axis)).collect())
     }
 }
