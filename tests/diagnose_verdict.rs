@@ -479,8 +479,8 @@ fn a_jump_of_the_sensitivity_is_found() {
         let steps = said.steps();
         assert_eq!(steps.len(), 1, "{seed}: {steps:?}");
         assert_eq!(steps[0]["effect"], "sensitivity_step", "{seed}");
-        says(steps[0]["where"].as_str().unwrap(), &["where the time is"]);
         let value = |name: &str| steps[0]["parameters"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap().clone();
+        says(steps[0]["where"].as_str().unwrap(), &[&format!("from {:.0} s on", value("onset")["value"].as_f64().unwrap())]);
         let [found, std] = ["value", "std"].map(|key| value("g")[key].as_f64().unwrap());
         assert!((found - part).abs() < 3.0 * std && std < 0.1 * part, "{seed}: {found} ± {std}, {part}");
         let onset_s = value("onset")["value"].as_f64().unwrap();

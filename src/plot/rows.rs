@@ -16,6 +16,8 @@ const FILLED: f64 = 0.8;
 const CELL: Type = Type { size: 19, ink: INK };
 /// Least width of a cell with a number, pixels.
 const LEAST_CELL: f64 = 46.0;
+/// So many times as wide is a cell with room for the number of its neighbour beside its own.
+const ROOMY: f64 = 3.0;
 /// Values from which on cells are tinted, and the tints below and above zero; light to strong also in grey.
 const CLASSES: [(f64, RGBColor, RGBColor); 4] = [
     (0.0, RGBColor(243, 243, 243), RGBColor(243, 243, 243)),
@@ -62,7 +64,7 @@ pub(super) fn name_ticks(panel: &Panel, axis: &mut Axis) {
 /// From which value on a cell has which shade, in words.
 pub(super) fn shades() -> String {
     let from: Vec<String> = CLASSES.iter().map(|class| class.0).filter(|from| *from > 0.0).map(|from| from.to_string()).collect();
-    format!("shades begin at {}, and there the number stands", from.join(", "))
+    format!("shades begin at {}, and there the number stands where it has room", from.join(", "))
 }
 
 pub(super) fn draw_bars(canvas: &mut Canvas, frame: &Frame, bars: &[(String, Vec<(f64, f64)>)], look: &Look) {
@@ -75,6 +77,7 @@ pub(super) fn draw_bars(canvas: &mut Canvas, frame: &Frame, bars: &[(String, Vec
 
 pub(super) fn draw_cells(canvas: &mut Canvas, frame: &Frame, rows: &[CellRow]) {
     for (row, cells) in rows.iter().enumerate() {
+        let mut before: Option<f64> = None;
         for (from, to, value) in &cells.cells {
             let Some(area) = area(frame, row, *from, *to) else { continue };
             let class = CLASSES.iter().rev().find(|c| value.abs() >= c.0).unwrap_or(&CLASSES[0]);
@@ -83,8 +86,10 @@ pub(super) fn draw_cells(canvas: &mut Canvas, frame: &Frame, rows: &[CellRow]) {
             canvas.rect(inner, if *value < 0.0 { class.1 } else { class.2 }, 1.0);
             let is_wide = f64::from(area.right - area.left) >= LEAST_CELL;
             let is_last = cells.cells.last().is_some_and(|last| last.0 == *from);
-            if class.0 > 0.0 && (is_wide || is_last) {
-                // The number of a narrow last cell reaches into the one before it.
+            // The number of a narrow last cell reaches into the one before it, if there is room beside a number there.
+            let has_room = is_last && before.is_none_or(|width| width >= ROOMY * LEAST_CELL);
+            before = Some(f64::from(area.right - area.left));
+            if class.0 > 0.0 && (is_wide || has_room) {
                 let (x, along) =
                     if is_wide { (f64::from(area.left + area.right) / 2.0, 0.5) } else { (f64::from(area.right - 2), 1.0) };
                 let place = (x, f64::from(area.top + area.bottom) / 2.0 + 6.0);

@@ -10,6 +10,7 @@ use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape
 use crate::diagnose::{APART, selection, words};
 use crate::fit::scan::Score;
 use crate::model::effects::sensitivity_step::SensitivityStep;
+use crate::model::effects::sensor_temperature_offset::SensorTemperatureOffset;
 use crate::model::effects::{Family, GAIN_WITH, Record, UNKNOWN};
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
@@ -57,19 +58,20 @@ impl Contribution {
         Self { axis, own_ent, covariate, unit, x }
     }
 
-    /// Where it is largest, in words.
-    fn place(&self, nt_per_ent: f64, noise_nt: f64) -> String {
+    /// Where it is largest, in words; of what begins at a time, since when.
+    fn place(&self, begins_s: Option<f64>, nt_per_ent: f64, noise_nt: f64) -> String {
         let largest = |i: &usize, j: &usize| self.own_ent[*i].abs().total_cmp(&self.own_ent[*j].abs());
         let most = (0..self.own_ent.len()).max_by(largest).unwrap_or(0);
         let size_nt = self.own_ent[most].abs() * nt_per_ent;
-        format!(
-            "{}, where the {} is {} {}: up to {size_nt:.3} nT ({:.1} noise)",
-            COMPONENTS[self.axis],
-            self.covariate.trim_start_matches(GAIN_WITH),
-            six_digits(self.x[most]),
-            self.unit,
-            size_nt / noise_nt.max(f64::MIN_POSITIVE)
-        )
+        let place = match begins_s {
+            Some(begins_s) => format!("from {begins_s:.0} s on"),
+            None => {
+                let covariate = self.covariate.trim_start_matches(GAIN_WITH);
+                format!("where the {covariate} is {} {}", six_digits(self.x[most]), self.unit)
+            }
+        };
+        let axis = COMPONENTS[self.axis];
+        format!("{axis}, {place}: up to {size_nt:.3} nT ({:.1} noise)", size_nt / noise_nt.max(f64::MIN_POSITIVE))
     }
 }
 
@@ -158,6 +160,11 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         [] => String::new(),
         _ => format!(" These describe the data as well in its place: {}.", names.join(", ")),
     };
+    if in_time.iter().any(|(effect, _)| effect.is(&SensorTemperatureOffset)) {
+        remark.push_str(
+            " The temperature with its rate is what an offset makes that follows the sensor while the thermistor is late.",
+        );
+    }
     if let Some(t_s) = one_plateau_s {
         remark.push_str(&format!(
             " Without the plateau at {t_s:.0} s little of it is left: a single plateau that was disturbed looks the same, and it goes into no model."
@@ -168,12 +175,16 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
             .push_str(" The axes do not do it together: with a size of its own for each of them the data are described better.");
     }
     doubts.iter().for_each(|why| remark.push_str(&format!(" {why}")));
+    let mut evidence = rivals.bars(number);
+    let own = evidence.bars.first().map_or(score.evidence, |(_, own)| *own);
+    evidence.bars.extend(in_time.iter().map(|(_, r)| (r.effect.clone(), own + r.log_ratio)));
+    evidence.bars.sort_by(|a, b| b.1.total_cmp(&a.1));
     runners_up.extend(in_time.into_iter().map(|(_, r)| r).chain(apart));
     runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
     let facts = Facts {
         parameters,
         name: if is_doubted { Name::Doubted } else { Name::ByStrength },
-        place: contribution.place(nt_per_ent, noise_nt),
+        place: contribution.place(candidate.effect.begins_s(&candidate.spec), nt_per_ent, noise_nt),
         gaps: [&before, &after].map(|held| gap(held, means.prepared.nt_per_ent)),
         ambiguous_with,
         runners_up,
@@ -200,7 +211,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         step: number,
         names: Vec::new(),
     };
-    Description { facts, map, evidence: Some(rivals.bars(number)) }
+    Description { facts, map, evidence: Some(evidence) }
 }
 
 /// When the plateau is without which nothing of a term is significant and little of it left, s: that on which most of it is, one beside which it begins,

@@ -145,7 +145,7 @@ fn rates(record: &Record, candidate: &Candidate) -> Vec<InTime> {
 
 /// An offset that follows the temperature of the sensor, whose thermistor shows it later or earlier: the temperature, and its rate.
 fn late_thermistor(record: &Record, candidate: &Candidate) -> Option<InTime> {
-    const LATE: &str = "the temperature with its rate, as that of a late thermistor";
+    const LATE: &str = "with its rate";
     let effect = EffectRef::new(&SensorTemperatureOffset);
     let Channel { course, values, mean, .. } = record.sensor.as_ref()?;
     let rates: Vec<(f64, f64)> = course.series.iter().zip(&course.rate_per_s).map(|((t, _), rate)| (*t, *rate)).collect();
