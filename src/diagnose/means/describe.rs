@@ -178,7 +178,10 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let mut evidence = rivals.bars(number);
     let own = evidence.bars.first().map_or(score.evidence, |(_, own)| *own);
     evidence.bars.extend(in_time.iter().map(|(_, r)| (r.effect.clone(), own + r.log_ratio)));
-    evidence.bars.sort_by(|a, b| b.1.total_cmp(&a.1));
+    // The term itself stays the first one.
+    if let Some((_, others)) = evidence.bars.split_first_mut() {
+        others.sort_by(|a, b| b.1.total_cmp(&a.1));
+    }
     runners_up.extend(in_time.into_iter().map(|(_, r)| r).chain(apart));
     runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
     let facts = Facts {
