@@ -147,6 +147,15 @@ pub fn six_digits(value: f64) -> String {
     format!("{value:.decimals$}")
 }
 
+/// The first of some times in words, s, and how many more there are.
+#[must_use]
+pub fn first_times(times_s: impl ExactSizeIterator<Item = f64>, most: usize) -> String {
+    let more = times_s.len().saturating_sub(most);
+    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+    let first: Vec<String> = times_s.take(most).map(|t_s| format!("{t_s:.0}")).collect();
+    format!("{} s{more}", first.join(", "))
+}
+
 /// A number of things by the noun for one of them: `1 gap`, `2 gaps`.
 #[must_use]
 pub fn counted(count: u64, noun: &str) -> String {

@@ -47,7 +47,7 @@ impl Searched<'_> {
         let (steps, maps, places) = steps_of_all(means, outcome, self.steps, &mut pictures, open);
         let numbers: Vec<usize> = places.iter().map(|place| place + 1).collect();
         let gap_chain = left::chain(means, &outcome.fit, &all, &numbers[before..], numbers[..before].to_vec());
-        let noise_floor_nt = noise_floor_nt(means, &outcome.fit, &all);
+        let noise_floor_nt = means.mean_noise_nt(&means.row_std(&outcome.fit, &all));
         pictures.scale = means.prepared.record.scale;
         pictures.left = quiet_maps(means, &outcome.fit, &all, noise_floor_nt);
         let model = where_map::Model {
@@ -117,12 +117,6 @@ fn plateaus_apart(means: &Means, all: &[&Candidate]) -> Vec<Note> {
         Note::new(NoteKind::Fit, text).about(axis)
     };
     left::standing_out(means, all).into_iter().map(note).collect()
-}
-
-/// Standard deviation of a mean, the noise alone; the mean over the rows, as for the steps.
-fn noise_floor_nt(means: &Means, model: &MeansModel, all: &[&Candidate]) -> [f64; 3] {
-    let row_std = means.row_std(model, all);
-    std::array::from_fn(|a| row_std.iter().map(|s| s[a]).sum::<f64>() / row_std.len() as f64 * means.prepared.nt_per_ent[a])
 }
 
 /// What the whole model leaves of the readings.

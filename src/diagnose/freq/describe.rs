@@ -9,8 +9,8 @@ use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter, Telling};
 use crate::diagnose::steps::Facts;
 use crate::fit::statistics::median;
-use crate::model::effects::Spec;
 use crate::model::effects::in_sine::SineParameter;
+use crate::model::effects::{Spec, UNKNOWN};
 use nalgebra::DVector;
 
 /// Settings that are named where an effect shows most.
@@ -38,7 +38,7 @@ pub(super) fn describe(search: &SineSearch, fit: &Fit, found: &Term, index: usiz
         gaps[0].max_nt,
         gaps[0].max_nt / map.noise_nt
     );
-    let remark = if found.may_be_in_time {
+    let remark = if found.ambiguous.contains(&UNKNOWN) {
         " A source whose amplitude drifts with time describes the sines as well: the frequencies go one way, or nearly so."
             .to_owned()
     } else {

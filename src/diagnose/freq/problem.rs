@@ -29,10 +29,9 @@ pub struct Term {
     pub significance: Significance,
     /// Independent trials that make as many false alarms as the candidates among which it was chosen.
     independent: f64,
+    /// Effects that these sines cannot tell from it; [`UNKNOWN`] where a drift of the amplitude describes them as well.
     pub ambiguous: Vec<EffectRef>,
     pub runners_up: Vec<RunnerUp>,
-    /// A drift of the amplitude describes the sines as well.
-    pub may_be_in_time: bool,
     /// The model before it.
     pub before: Fit,
     /// The model with it and all terms before it.
@@ -149,11 +148,7 @@ impl SineSearch<'_> {
             correlation: fit.correlation(best, r, self.sines),
         };
         let in_time = in_time::rival(fit, best, self.sines);
-        let may_be_in_time = in_time.is_some();
-        let mut ambiguous: Vec<EffectRef> = rivals.iter().filter(is_near).map(Refined::effect).collect();
-        if may_be_in_time && !ambiguous.contains(&UNKNOWN) {
-            ambiguous.push(UNKNOWN);
-        }
+        let ambiguous = rivals.iter().filter(is_near).map(Refined::effect).chain(in_time.as_ref().map(|_| UNKNOWN)).collect();
         let mut runners_up: Vec<RunnerUp> = rivals.iter().map(runner_up).chain(in_time).collect();
         runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
         Some(Term {
@@ -167,7 +162,6 @@ impl SineSearch<'_> {
             independent: scored.independent,
             ambiguous,
             runners_up,
-            may_be_in_time,
             before: fit.clone(),
             fit: best.fit.clone(),
         })

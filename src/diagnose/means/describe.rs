@@ -93,7 +93,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let axis = contribution.axis;
     let nt_per_ent = means.prepared.nt_per_ent[axis];
     let row_std = means.row_std(model, &all);
-    let noise_nt = row_std.iter().map(|s| s[axis]).sum::<f64>() / means.rows() as f64 * nt_per_ent;
+    let noise_nt = means.mean_noise_nt(&row_std)[axis];
     let reading_ent: Option<Vec<f64>> = contribution
         .covariate
         .starts_with(GAIN_WITH)
@@ -143,7 +143,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
             "A temperature channel is damaged: what follows the temperature looks the same.",
         ),
         (
-            !candidate.effect.is(&SensitivityStep) && begins_with_large_field(&means.prepared.record, candidate),
+            begins_with_large_field(&means.prepared.record, candidate),
             "It begins with the largest field for many settings: a hysteresis that remembers it looks the same.",
         ),
     ];
@@ -283,8 +283,11 @@ fn has_twin_beside(candidate: &Candidate, others: &[&Candidate]) -> bool {
 }
 
 /// Whether something begins when a field is applied that is larger than those of many settings before: a hysteresis that remembers the largest
-/// field makes the same.
+/// field makes the same, but for a jump of the gain, which is no offset that is remembered.
 fn begins_with_large_field(record: &Record, candidate: &Candidate) -> bool {
+    if candidate.effect.is(&SensitivityStep) {
+        return false;
+    }
     let Some(begin_s) = candidate.effect.begins_s(&candidate.spec) else { return false };
     let next = record.rows.partition_point(|r| r.used_s[1] <= begin_s);
     let is_large = |row: usize, axis: usize| {

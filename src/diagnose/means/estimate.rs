@@ -52,6 +52,13 @@ impl Means<'_> {
         total.iter().map(|s| std::array::from_fn(|a| s[a] / usual[a] * level[a])).collect()
     }
 
+    /// The mean of the noise of the rows, nT, of `row_std` in enT.
+    #[must_use]
+    pub fn mean_noise_nt(&self, row_std: &[[f64; 3]]) -> [f64; 3] {
+        let mean_ent = |a: usize| row_std.iter().map(|s| s[a]).sum::<f64>() / row_std.len() as f64;
+        std::array::from_fn(|a| mean_ent(a) * self.prepared.nt_per_ent[a])
+    }
+
     /// What least squares with the model and the terms leave of the readings of each component.
     #[must_use]
     pub fn residuals(&self, terms: &[&Candidate]) -> [Residuals; 3] {

@@ -133,8 +133,7 @@ fn rates(record: &Record, candidate: &Candidate) -> Vec<InTime> {
         .filter_map(|(name, channel)| Some((name, channel.as_ref()?)))
         .collect();
     let of = |(name, channel): &(&str, &Channel)| {
-        let course = &channel.course;
-        let rates: Vec<(f64, f64)> = course.series.iter().zip(&course.rate_per_s).map(|((t, _), rate)| (*t, *rate)).collect();
+        let rates = rates_of(channel);
         let columns = candidate.effect.columns(&with_course(record, &|t_s| interpolate(&rates, t_s)), &spec)?;
         let name = format!("rate of the {name} temperature");
         let candidate = Candidate::of_readings(UNKNOWN, Spec::new(&name, &spec.axes), columns);
@@ -143,14 +142,21 @@ fn rates(record: &Record, candidate: &Candidate) -> Vec<InTime> {
     channels.iter().filter_map(of).collect()
 }
 
+/// The rate of a channel, (s since the run's start, K/s).
+fn rates_of(channel: &Channel) -> Vec<(f64, f64)> {
+    let course = &channel.course;
+    course.series.iter().zip(&course.rate_per_s).map(|((t, _), rate)| (*t, *rate)).collect()
+}
+
 /// An offset that follows the temperature of the sensor, whose thermistor shows it later or earlier: the temperature, and its rate.
 fn late_thermistor(record: &Record, candidate: &Candidate) -> Option<InTime> {
     const LATE: &str = "with its rate";
     let effect = EffectRef::new(&SensorTemperatureOffset);
-    let Channel { course, values, mean, .. } = record.sensor.as_ref()?;
-    let rates: Vec<(f64, f64)> = course.series.iter().zip(&course.rate_per_s).map(|((t, _), rate)| (*t, *rate)).collect();
+    let channel = record.sensor.as_ref()?;
+    let rates = rates_of(channel);
     let axes = &candidate.spec.axes;
-    let now = axes.iter().map(|a| Column::on("b", *a, record.scale.per_kelvin(), record, |i, _| values[i] - mean));
+    let now =
+        axes.iter().map(|a| Column::on("b", *a, record.scale.per_kelvin(), record, |i, _| channel.values[i] - channel.mean));
     let moving = axes.iter().map(|a| Column::on("rate", *a, "1", record, |_, row| interpolate(&rates, row.t_s())));
     let candidate = Candidate::of_readings(effect, Spec::new(LATE, axes), now.chain(moving).collect());
     Some(InTime { effect, name: format!("{effect}: {LATE}"), candidate, tried: 1 })

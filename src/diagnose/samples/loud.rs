@@ -2,14 +2,14 @@
 
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
-use crate::data::units::COMPONENTS;
+use crate::data::units::{COMPONENTS, first_times};
 use crate::fit::statistics::{median, robust_std};
 
 /// Fewer plateaus, or samples inside them, tell no usual scatter.
 const FEWEST: usize = 12;
 const FEWEST_SAMPLES: u64 = 8;
 /// Their logarithms of the variance are so many robust standard deviations from the usual one.
-const APART: f64 = 8.0;
+const FAR_OUT: f64 = 8.0;
 /// So many are told one by one.
 const MOST_TOLD: usize = 6;
 
@@ -27,17 +27,14 @@ pub fn loud(plateaus: &Plateaus) -> Vec<Note> {
         // No estimate of a variance is better than that of independent samples.
         let fewest = logarithms.iter().filter_map(|(_, p)| p.count).min().unwrap_or(FEWEST_SAMPLES);
         let std = robust_std(logarithms.iter().map(|(v, _)| v - usual)).max((2.0 / (fewest - 1) as f64).sqrt());
-        let mut far: Vec<(f64, &Plateau)> = logarithms.into_iter().filter(|(v, _)| v - usual > APART * std).collect();
+        let mut far: Vec<(f64, &Plateau)> = logarithms.into_iter().filter(|(v, _)| v - usual > FAR_OUT * std).collect();
         far.sort_by(|a, b| b.0.total_cmp(&a.0));
         let most = (0.5 * (far.first()?.0 - usual)).exp();
-        let times: Vec<String> = far.iter().take(MOST_TOLD).map(|(_, p)| format!("{:.0}", p.t_s())).collect();
-        let more = far.len().saturating_sub(MOST_TOLD);
-        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         let name = COMPONENTS[axis];
         let text = format!(
-            "the samples of {name} inside the plateaus at {} s{more} scatter by up to {most:.1} times as much as inside the others: a disturbance of a part of the \
+            "the samples of {name} inside the plateaus at {} scatter by up to {most:.1} times as much as inside the others: a disturbance of a part of the \
              run, which no effect explains",
-            times.join(", ")
+            first_times(far.iter().map(|(_, p)| p.t_s()), MOST_TOLD)
         );
         Some(
             Note::new(NoteKind::Data, text)

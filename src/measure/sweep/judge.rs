@@ -7,6 +7,7 @@ use super::orders::Asked;
 use super::result::SweepBlock;
 use super::thermistors::SIGNIFICANT;
 use crate::data::note::{Note, NoteKind};
+use crate::data::units::first_times;
 use crate::fit::statistics::robust_std;
 use crate::measure::structure::OUTLIER;
 
@@ -52,13 +53,10 @@ pub(super) fn standing_out(blocks: &[SweepBlock]) -> Vec<Note> {
         far.sort_by(|a, b| size_nt(b).total_cmp(&size_nt(a)));
         let largest_nt = size_nt(far.first()?);
         let name = ["X", "Y", "Z"][axis];
-        let told: Vec<String> = far.iter().take(MOST_TOLD).map(|b| format!("{:.0}", b.t_s)).collect();
-        let more = far.len().saturating_sub(MOST_TOLD);
-        let more = if more > 0 { format!(" and {more} more") } else { String::new() };
         let text = format!(
-            "settings at {} s{more} stand out in {name} by more than {OUTLIER:.0} standard deviations, up to {largest_nt:.2} nT: they were disturbed, and the \
+            "settings at {} stand out in {name} by more than {OUTLIER:.0} standard deviations, up to {largest_nt:.2} nT: they were disturbed, and the \
              polynomials are with them",
-            told.join(", ")
+            first_times(far.iter().map(|b| b.t_s), MOST_TOLD)
         );
         Some(
             Note::new(NoteKind::Fit, text)

@@ -100,7 +100,7 @@ pub(super) fn settle(
         (lag, decision) = (None, LagDecision::NoneClaimed);
     }
     if decision == LagDecision::NotLookedFor {
-        declined = self::candidate(screened).map(|lag| (lag, Rival::NotAsked));
+        declined = candidate(screened).map(|lag| (lag, Rival::NotAsked));
     }
     if of_model.is_some() && decision != LagDecision::OfTheModel {
         let text =
