@@ -26,9 +26,11 @@ const CLEAR: f64 = 5.0;
 const FORGOTTEN_ROWS: f64 = 1.0;
 const FLAT: f64 = 0.5;
 
-/// A plateau this many robust standard deviations from the others stands out, and so many of them are not told one by one.
+/// A plateau this many robust standard deviations from the others stands out, and so many of them are not told one by one. Of noise with heavy
+/// tails more than twice as many plateaus are beyond half of that: of such a noise none stands out.
 pub(super) const OUTLIER: f64 = 8.0;
 const MOST_OUTLIERS: usize = 6;
+const OF_TAILS: f64 = 0.5;
 /// With fewer degrees of freedom a fit makes half of the residuals small by itself.
 const LEAST_FREEDOM: f64 = 15.0;
 
@@ -136,8 +138,11 @@ impl StandingOut {
 pub(super) fn standing_out(means: &Means, all: &[&Candidate]) -> Vec<StandingOut> {
     let one = |(axis, left): (usize, Residuals)| {
         let std_ent = robust_std(left.ent.iter().copied());
-        let rows: Vec<usize> = (0..left.ent.len()).filter(|row| left.ent[*row].abs() > OUTLIER * std_ent).collect();
-        let is_told = std_ent > 0.0 && left.freedom >= LEAST_FREEDOM && (1..=MOST_OUTLIERS).contains(&rows.len());
+        let is_beyond = |row: usize, times: f64| left.ent[row].abs() > times * std_ent;
+        let rows: Vec<usize> = (0..left.ent.len()).filter(|row| is_beyond(*row, OUTLIER)).collect();
+        let half_as_far = (0..left.ent.len()).filter(|row| is_beyond(*row, OF_TAILS * OUTLIER)).count();
+        let has_tails = half_as_far > 2 * rows.len();
+        let is_told = std_ent > 0.0 && left.freedom >= LEAST_FREEDOM && (1..=MOST_OUTLIERS).contains(&rows.len()) && !has_tails;
         is_told.then(|| StandingOut { axis, rows, largest_ent: left.ent.amax(), std_ent })
     };
     means.residuals(all).into_iter().enumerate().filter_map(one).collect()

@@ -220,7 +220,8 @@ fn is_no_scatter(lower: &Candidate, higher: &Candidate) -> bool {
     by_chance < UNLIKELY || of_line
 }
 
-/// Factor by which the standard deviation of a polynomial at the points, root mean square, grows with the orders that it might have as well.
+/// Factor by which the standard deviation of a polynomial grows with the orders that it might have as well: that of the end of the range where it is
+/// the larger. What an order leaves out is largest there, and a factor of the mean over the points would hold in the middle alone.
 /// `std_unit` is the standard deviation of a point of weight 1.
 fn of_choice(fits: &[(Candidate, Polynomial)], chosen: usize, std_unit: f64, x: &[f64]) -> f64 {
     // Where the standard deviations of the points are known the criterion needs no correction for small samples.
@@ -228,21 +229,21 @@ fn of_choice(fits: &[(Candidate, Polynomial)], chosen: usize, std_unit: f64, x: 
         Some(chi2) => Some(chi2 / std_unit.powi(2) + 2.0 * (candidate.order + 1) as f64),
         None => candidate.aicc,
     };
-    let own: Vec<(f64, f64)> = x.iter().map(|x| fits[chosen].1.evaluate_unscaled(*x)).collect();
+    let ends = extremes(x.iter().copied());
+    let own = ends.map(|end| fits[chosen].1.evaluate_unscaled(end));
     let at_least = fits.iter().filter_map(|(candidate, _)| criterion(candidate)).fold(f64::INFINITY, f64::min);
-    let (mut weights, mut weighed) = (0.0, 0.0);
+    let (mut weights, mut weighed) = (0.0, [0.0; 2]);
     for (candidate, polynomial) in fits {
         let Some(value) = criterion(candidate) else { continue };
         let weight = (-(value - at_least) / 2.0).exp();
-        let squares = x.iter().zip(&own).map(|(x, (own, _))| {
-            let (other, unit_std) = polynomial.evaluate_unscaled(*x);
-            (unit_std * std_unit).powi(2) + (other - own).powi(2)
-        });
         weights += weight;
-        weighed += weight * squares.sum::<f64>();
+        for ((sum, end), (own, _)) in weighed.iter_mut().zip(ends).zip(own) {
+            let (other, unit_std) = polynomial.evaluate_unscaled(end);
+            *sum += weight * ((unit_std * std_unit).powi(2) + (other - own).powi(2));
+        }
     }
-    let alone = own.iter().map(|(_, unit_std)| (unit_std * std_unit).powi(2)).sum::<f64>();
-    let factor = (weighed / weights / alone).sqrt();
+    let factors = [0, 1].map(|end| (weighed[end] / weights).sqrt() / (own[end].1 * std_unit));
+    let factor = factors[0].max(factors[1]);
     // Without a degree of freedom nothing is known of the scatter, and of the polynomial neither.
     if factor.is_nan() { 1.0 } else { factor.max(1.0) }
 }

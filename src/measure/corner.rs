@@ -31,11 +31,18 @@
 //! `sqrt((n-1)/n Σ (θ_i - mean)²)`; but with few rows around the corner it may come out too small by chance. The larger of the two
 //! is given. By its construction hardly any single amplitude can move the corner by more than one standard deviation.
 //!
+//! # Drift
+//!
+//! Amplitudes with known noise and times are described with a drift of the gain or of the field beside every response as well ([`drift`]). Where
+//! the drift is the better description by far, the response that stands with it is the answer. Where it does about as well as the responses
+//! alone, what it would do to f_3dB is in the uncertainty. [`Corner::drift`] has both.
+//!
 //! Neither knows of several rows that are missing together. Where lost samples spoil most of the rows around the corner, another
 //! response may fit what is left: [`ModelCorner::neighbours_left_out`] counts them.
 
 mod choice;
 mod describe;
+mod drift;
 mod fit;
 mod igep;
 mod jackknife;
@@ -50,12 +57,13 @@ mod thin;
 pub use igep::igep_corner_hz;
 pub(super) use prepared::DECIDING;
 pub use refusal::Refusal;
-pub use result::{Candidate, Component, Corner, Explained, Fitted, ModelCorner};
+pub use result::{AmplitudeDrift, Candidate, Component, Corner, Explained, Fitted, ModelCorner};
 pub use rows::Amplitude;
 
 use crate::model::response::{RESPONSES, Response};
-use choice::{candidates, explain, fit_all, least, no_model, total_aicc};
+use choice::{Known, candidates, explained as explained_by, fit_all, least, no_model, total_aicc};
 use describe::describe;
+use drift::drifting;
 use jackknife::{Replicate, groups, without};
 use prepared::Prepared;
 use rayon::prelude::*;
@@ -104,13 +112,27 @@ pub fn corner(table: &[Amplitude], options: &Options) -> Corner {
 fn short(table: &[Amplitude], options: &Options) -> Corner {
     let responses = &options.responses;
     let prepared: [Result<Prepared, Refusal>; 3] = std::array::from_fn(|c| Prepared::new(table, c, &[]));
-    let (fits, explained) = match explain(responses, &prepared) {
-        Some((fits, explained)) => (fits, Some(explained)),
-        None => (fit_all(responses, &prepared, Prepared::fit), None),
-    };
-    let totals: Vec<Option<f64>> = fits.iter().map(total_aicc).collect();
+    let known = Known::of(responses, &prepared);
+    let drifting = known.as_ref().and_then(|known| drifting(responses, &prepared, known));
+    let drift = drifting.as_ref().map(|found| AmplitudeDrift::of(responses[found.response].name, found, &prepared));
+    let described = known.and_then(|Known { mut fits, mut totals }| {
+        if let Some(found) = drifting.filter(|drifting| drifting.is_found) {
+            fits[found.response] = found.fit;
+            totals[found.response] = Some(found.total);
+            return Some((fits, totals, Some(found.response), Some(found.explained)));
+        }
+        let best = least(&totals)?;
+        let explained = explained_by(&fits[best], &prepared)?;
+        Some((fits, totals, Some(best), Some(explained)))
+    });
+    let (fits, totals, chosen, explained) = described.unwrap_or_else(|| {
+        let fits = fit_all(responses, &prepared, Prepared::fit);
+        let totals: Vec<Option<f64>> = fits.iter().map(total_aicc).collect();
+        let best = least(&totals);
+        (fits, totals, best, None)
+    });
     let any = prepared.iter().any(Result::is_ok);
-    let chosen = least(&totals).filter(|_| any);
+    let chosen = chosen.filter(|_| any);
 
     let contenders: Vec<usize> = match chosen.and_then(|best| totals[best]) {
         Some(best) => (0..fits.len()).filter(|&m| totals[m].is_some_and(|aicc| aicc <= best + CONTENDERS)).collect(),
@@ -139,7 +161,8 @@ fn short(table: &[Amplitude], options: &Options) -> Corner {
             (Ok(_), Some((_, Err(refusal)))) => Err(refusal.clone()),
             (Ok(_), None) => Err(no_model(&fits)),
             (Ok(prepared), Some((best, Ok(outcome)))) => {
-                Ok(describe(table, c, responses[best], prepared, outcome, explained, &replicates))
+                let model = describe(table, c, responses[best], prepared, outcome, explained, &replicates);
+                Ok(drift.as_ref().filter(|d| !d.is_found).map_or(model.clone(), |d| d.widen(model, c)))
             }
         };
         Component {
@@ -151,5 +174,5 @@ fn short(table: &[Amplitude], options: &Options) -> Corner {
         }
     });
     let candidates = candidates(responses, &fits, &totals, any);
-    Corner { model: chosen.map(|best| responses[best].name), explained, components, candidates }
+    Corner { model: chosen.map(|best| responses[best].name), explained, drift, components, candidates }
 }

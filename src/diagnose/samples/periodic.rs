@@ -60,8 +60,10 @@ const STANDS_OUT: f64 = 3.0;
 const OF_MODULUS: f64 = 1.41;
 /// Standard uncertainty of the frequency of a sine in white noise at a signal to noise ratio of one, in units of one over the record: √6/(√2 π).
 const OF_FREQUENCY: f64 = 0.55;
-/// A line this near to a harmonic of a known one, as a part of its frequency, is what the known one has beside a pure period.
+/// A line this near to a harmonic of a known one, as a part of its frequency, is what the known one has beside a pure period. Harmonics above half the
+/// sample rate are folded into places that have nothing to do with that: there it is the same line within so many widths of one, and one more for every order.
 const SAME_LINE: f64 = 0.005;
+const FOLDED_WIDTHS: f64 = 1.0;
 
 /// Periodic signals in what the plateau means leave.
 pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], catalogue: &Catalogue) -> Vec<Inside> {
@@ -129,7 +131,13 @@ struct Found {
 /// Whether a line lies on a harmonic of a known signal, where the samples show it.
 fn belongs(line_hz: f64, known: &Inside, grid: &Grid) -> bool {
     let Some(known_hz) = known.effect.period_s(&known.spec).map(f64::recip) else { return false };
-    (1..=HARMONICS).any(|k| (grid.seen_hz(k as f64 * known_hz) - grid.seen_hz(line_hz)).abs() < SAME_LINE * known_hz)
+    let width_hz = grid.rate_hz / grid.length as f64;
+    (1..=HARMONICS).any(|k| {
+        let order = k as f64;
+        let is_folded = order * known_hz > 0.5 * grid.rate_hz;
+        let near_hz = if is_folded { (FOLDED_WIDTHS + order) * width_hz } else { SAME_LINE * known_hz };
+        (grid.seen_hz(order * known_hz) - grid.seen_hz(line_hz)).abs() < near_hz
+    })
 }
 
 /// Readings of the used samples around the means of their plateaus, without what is known already.

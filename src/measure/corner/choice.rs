@@ -23,24 +23,37 @@ pub(super) fn fit_all(
     responses.par_iter().map(each).collect()
 }
 
-/// The fits with known standard deviations, if the best response leaves no more than they let expect.
-pub(super) fn explain(responses: &[Response], prepared: &[Result<Prepared, Refusal>; 3]) -> Option<(Fits, Explained)> {
-    let mut present = prepared.iter().flatten().peekable();
-    present.peek()?;
-    if !present.all(|prepared| prepared.data.std.iter().all(|std| *std > 0.0)) {
-        return None;
+/// The fits of all responses with known standard deviations.
+pub(super) struct Known {
+    pub fits: Fits,
+    pub totals: Vec<Option<f64>>,
+}
+
+impl Known {
+    /// `None` where a standard deviation is not known.
+    pub fn of(responses: &[Response], prepared: &[Result<Prepared, Refusal>; 3]) -> Option<Self> {
+        let mut present = prepared.iter().flatten().peekable();
+        present.peek()?;
+        if !present.all(|prepared| prepared.data.std.iter().all(|std| *std > 0.0)) {
+            return None;
+        }
+        let fits = fit_all(responses, prepared, Prepared::known_fit);
+        let totals = fits.iter().map(total_aicc).collect();
+        Some(Self { fits, totals })
     }
-    let fits = fit_all(responses, prepared, Prepared::known_fit);
-    let best = least(&fits.iter().map(total_aicc).collect::<Vec<_>>())?;
+}
+
+/// What a response leaves, if that is no more than the known standard deviations let expect.
+pub(super) fn explained(fit: &PerComponent, prepared: &[Result<Prepared, Refusal>; 3]) -> Option<Explained> {
     let mut explained = Explained { chi_square: 0.0, dof: 0 };
-    for (prepared, outcome) in prepared.iter().flatten().zip(fits[best].iter().flatten().flatten()) {
+    for (prepared, outcome) in prepared.iter().flatten().zip(fit.iter().flatten().flatten()) {
         if !prepared.explains(outcome) {
             return None;
         }
         explained.chi_square += outcome.found.deviance;
         explained.dof += outcome.found.solution.dof;
     }
-    is_likely(explained.chi_square, explained.dof).then_some((fits, explained))
+    is_likely(explained.chi_square, explained.dof).then_some(explained)
 }
 
 /// AICc summed over the components that are there; `None` where the response does not fit to one of them.

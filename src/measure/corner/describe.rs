@@ -1,8 +1,8 @@
 //! The corner of one component with its uncertainties, from the fit of the response that was chosen.
 
-use super::fit::Outcome;
+use super::fit::{Outcome, drift_factor};
 use super::jackknife::{Replicate, jackknife};
-use super::prepared::Prepared;
+use super::prepared::{Prepared, relative_time};
 use super::result::{Explained, Fitted, ModelCorner};
 use super::rows::Amplitude;
 use crate::fit::statistics::std_of;
@@ -27,7 +27,9 @@ pub(super) fn describe(
     replicates: &[Replicate],
 ) -> ModelCorner {
     let covariance = outcome.covariance(&prepared.data, explained);
-    let slopes: Vec<f64> = std::iter::once(0.0).chain(response.corner_slopes(outcome.corner_hz, &outcome.shape)).collect();
+    let slopes = std::iter::once(0.0).chain(response.corner_slopes(outcome.corner_hz, &outcome.shape));
+    // A drift of the amplitudes moves no corner.
+    let slopes = slopes.chain(outcome.drift.iter().map(|_| 0.0)).collect();
     let slopes = DVector::from_vec(slopes);
     let linearised_std_hz = outcome.corner_hz * std_of((slopes.transpose() * &covariance * &slopes)[(0, 0)]);
     let corners: Vec<f64> = replicates.iter().filter_map(|replicate| replicate.corner_hz[component]).collect();
@@ -39,7 +41,9 @@ pub(super) fn describe(
         // Of a logarithm: the relative standard deviation.
         (values[j] * std_of(covariance[(j, j)])).max(jackknife(&column))
     };
-    let fitted_ent: Vec<f64> = table.iter().map(|row| values[0] * response.value(row.frequency_hz, &outcome.shape)).collect();
+    let drift = |row: usize| drift_factor(&outcome.drift, relative_time(table, row));
+    let fitted = |row: usize| values[0] * response.value(table[row].frequency_hz, &outcome.shape) * drift(row);
+    let fitted_ent: Vec<f64> = (0..table.len()).map(fitted).collect();
     let residual_ent = table.iter().zip(&fitted_ent).map(|(row, fitted)| row.amplitude_ent[component] - fitted).collect();
     let mut weight = vec![0.0; table.len()];
     prepared.rows.iter().zip(&outcome.found.weights).for_each(|(&row, &w)| weight[row] = w);

@@ -8,7 +8,7 @@ use crate::fit::nonlinear::{self, Model};
 use crate::fit::statistics::chi2_tail;
 use crate::fit::{Limits, aicc, order, student_factor};
 use crate::model::response::Response;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// Scatter at the start: what is within is followed, what is without does not belong. The wide one is for starts far off.
 const START_SCATTER: [[f64; 2]; 2] = [[0.02, 0.05], [0.08, 0.08]];
@@ -27,34 +27,53 @@ const EXPLAINED_RESIDUAL: f64 = 5.0;
 /// As many starts, the closest ones, are followed with known noise.
 const KNOWN_STARTS: usize = 3;
 
-/// A response with its DC gain as model of amplitudes: parameters are logarithms, relative DC gain first.
+/// A response with its DC gain as model of amplitudes: parameters are logarithms, relative DC gain first. Behind them stand the coefficients of a
+/// polynomial of the time that the logarithm of the amplitude follows beside it, from the first power on; none where it follows no time.
 struct Shape<'a> {
     response: Response,
     frequencies: &'a [f64],
+    times: &'a [f64],
+    degree: usize,
 }
 
-/// The parameters of the response.
-fn shape_parameters(logarithms: &[f64]) -> Vec<f64> {
-    logarithms.iter().skip(1).map(|logarithm| logarithm.exp()).collect()
+impl Shape<'_> {
+    /// DC gain, parameters of the response, and coefficients of the drift.
+    fn parts<'p>(&self, parameters: &'p [f64]) -> (f64, Vec<f64>, &'p [f64]) {
+        let (shape, drift) = parameters[1..].split_at(self.response.parameters().len());
+        (parameters[0].exp(), shape.iter().map(|logarithm| logarithm.exp()).collect(), drift)
+    }
+}
+
+/// Factor on an amplitude at a relative time by the coefficients of a drift; 1 without any, whether a time is known or not.
+pub(super) fn drift_factor(drift: &[f64], time: f64) -> f64 {
+    if drift.is_empty() {
+        return 1.0;
+    }
+    drift.iter().rev().fold(0.0, |sum, c| (sum + c) * time).exp()
 }
 
 impl Model for Shape<'_> {
     fn names(&self) -> Vec<String> {
         let own = self.response.parameters().into_iter().map(|parameter| parameter.name.to_owned());
-        std::iter::once("dc".to_owned()).chain(own).collect()
+        let drift = (1..=self.degree).map(|power| format!("drift {power}"));
+        std::iter::once("dc".to_owned()).chain(own).chain(drift).collect()
     }
 
     fn values(&self, parameters: &[f64], values: &mut [f64]) {
-        let (dc, shape) = (parameters[0].exp(), shape_parameters(parameters));
-        values.iter_mut().zip(self.frequencies).for_each(|(value, &f)| *value = dc * self.response.value(f, &shape));
+        let (dc, shape, drift) = self.parts(parameters);
+        for ((value, &f), &time) in values.iter_mut().zip(self.frequencies).zip(self.times) {
+            *value = dc * self.response.value(f, &shape) * drift_factor(drift, time);
+        }
     }
 
     fn jacobian(&self, parameters: &[f64], jacobian: &mut DMatrix<f64>) {
-        let (dc, shape) = (parameters[0].exp(), shape_parameters(parameters));
-        for (mut row, &f) in jacobian.row_iter_mut().zip(self.frequencies) {
+        let (dc, shape, drift) = self.parts(parameters);
+        for ((mut row, &f), &time) in jacobian.row_iter_mut().zip(self.frequencies).zip(self.times) {
             let (value, slopes) = self.response.value_and_slopes(f, &shape);
-            let derivatives = std::iter::once(value).chain(slopes);
-            row.iter_mut().zip(derivatives).for_each(|(entry, derivative)| *entry = dc * derivative);
+            let of_response = std::iter::once(value).chain(slopes.into_iter().take(shape.len()));
+            let of_drift = (1..=drift.len()).map(|power| value * time.powi(power as i32));
+            let amplitude = dc * drift_factor(drift, time);
+            row.iter_mut().zip(of_response.chain(of_drift)).for_each(|(entry, derivative)| *entry = amplitude * derivative);
         }
     }
 }
@@ -62,26 +81,42 @@ impl Model for Shape<'_> {
 impl Prepared {
     /// The fit of a response with known standard deviations, from the best of several starts.
     pub fn known_fit(&self, response: Response) -> Result<Outcome, Refusal> {
-        // A Butterworth of each order is a response of its own here: the order is one for all components, and data with known noise
-        // leave no doubt about it.
-        let parameters = response.parameters().len() + 1;
-        let rows = self.rows.len();
-        let too_few = Refusal::TooFew { rows, parameters };
-        if aicc(0.0, parameters, rows).is_none() {
-            return Err(too_few);
-        }
-        let weights: Vec<f64> = self.data.std.iter().map(|std| std.powi(-2)).collect();
-        let shape = Shape { response, frequencies: &self.frequencies };
-        let mut values = vec![0.0; rows];
+        let weights = self.weights();
+        let shape = self.shape(response, 0);
+        let mut values = vec![0.0; self.rows.len()];
         let mut left = |start: &[f64]| -> f64 {
             shape.values(start, &mut values);
             values.iter().zip(&self.data.observations).zip(&weights).map(|((value, y), w)| w * (y - value).powi(2)).sum()
         };
         let mut starts: Vec<(f64, Vec<f64>)> = self.starts(response).into_iter().map(|start| (left(&start), start)).collect();
         starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+        self.known_fit_from(response, 0, starts.into_iter().take(KNOWN_STARTS).map(|(_, start)| start))
+    }
+
+    /// The fit of a response with known standard deviations beside a drift of the amplitudes of a degree, from the fit without.
+    pub fn drifting_fit(&self, response: Response, degree: usize, still: &Outcome) -> Result<Outcome, Refusal> {
+        let start = still.found.state.parameters.iter().copied().chain(std::iter::repeat_n(0.0, degree)).collect();
+        self.known_fit_from(response, degree, [start])
+    }
+
+    fn known_fit_from(
+        &self,
+        response: Response,
+        degree: usize,
+        starts: impl IntoIterator<Item = Vec<f64>>,
+    ) -> Result<Outcome, Refusal> {
+        // A Butterworth of each order is a response of its own here: the order is one for all components, and data with known noise
+        // leave no doubt about it.
+        let parameters = response.parameters().len() + 1 + degree;
+        let rows = self.rows.len();
+        if aicc(0.0, parameters, rows).is_none() {
+            return Err(Refusal::TooFew { rows, parameters });
+        }
+        let weights = self.weights();
+        let shape = self.shape(response, degree);
         let mut refusal = None;
         let mut best: Option<Contaminated> = None;
-        for (_, start) in starts.into_iter().take(KNOWN_STARTS) {
+        for start in starts {
             match nonlinear::solve(&shape, &self.data.observations, Some(&weights), &start, &Limits::default()) {
                 Ok(solution) => {
                     let chi_square = solution.residuals.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
@@ -101,6 +136,31 @@ impl Prepared {
         }
         let found = best.ok_or_else(|| refusal.map_or(Refusal::Outside, Refusal::Fit))?;
         self.outcome(response, found, parameters)
+    }
+
+    /// By how much a drift of a degree lowers the chi square of a fit with known standard deviations, as far as the response is linear in its
+    /// parameters.
+    pub fn drift_takes(&self, response: Response, degree: usize, still: &Outcome) -> f64 {
+        let parameters = &still.found.state.parameters;
+        let extended: Vec<f64> = parameters.iter().copied().chain(std::iter::repeat_n(0.0, degree)).collect();
+        let mut columns = DMatrix::zeros(self.rows.len(), extended.len());
+        self.shape(response, degree).jacobian(&extended, &mut columns);
+        for (mut row, std) in columns.row_iter_mut().zip(&self.data.std) {
+            row /= *std;
+        }
+        let left = still.found.solution.residuals.iter().zip(&self.data.std).map(|(r, std)| r / std);
+        let left = DVector::from_iterator(self.rows.len(), left);
+        // Behind the directions of the response stand those that the drift adds to them.
+        let directions = columns.qr().q();
+        directions.columns(parameters.len(), degree).tr_mul(&left).norm_squared()
+    }
+
+    fn weights(&self) -> Vec<f64> {
+        self.data.std.iter().map(|std| std.powi(-2)).collect()
+    }
+
+    fn shape(&self, response: Response, degree: usize) -> Shape<'_> {
+        Shape { response, frequencies: &self.frequencies, times: &self.times, degree }
     }
 
     /// Whether known standard deviations explain the residuals one by one.
@@ -139,8 +199,7 @@ impl Prepared {
         if aicc(0.0, parameters, rows).is_none() {
             return Err(Refusal::TooFew { rows, parameters });
         }
-        let shape = Shape { response, frequencies: &self.frequencies };
-        let found = contaminated::fit(&shape, &self.data, state, iterations, &Limits::default())?;
+        let found = contaminated::fit(&self.shape(response, 0), &self.data, state, iterations, &Limits::default())?;
         let outlying: f64 = found.weights.iter().map(|weight| 1.0 - weight).sum();
         if outlying > MOST_OUTLYING * rows as f64 {
             return Err(Refusal::Outlying { outlying, rows });
@@ -156,7 +215,9 @@ impl Prepared {
 
     /// The corner of a fitted response, and its AICc with so many parameters.
     fn outcome(&self, response: Response, found: Contaminated, parameters: usize) -> Result<Outcome, Refusal> {
-        let shape = shape_parameters(&found.state.parameters);
+        let (own, drift) = found.state.parameters[1..].split_at(response.parameters().len());
+        let shape: Vec<f64> = own.iter().map(|logarithm| logarithm.exp()).collect();
+        let drift = drift.to_vec();
         let within = |corner: &f64| {
             let counted = || self.frequencies.iter().zip(&found.weights).filter(|(_, weight)| **weight > 0.5).map(|(f, _)| *f);
             counted().fold(f64::INFINITY, f64::min) <= *corner && *corner <= counted().fold(0.0, f64::max)
@@ -164,7 +225,7 @@ impl Prepared {
         let corner_hz = response.corner_hz(&shape).filter(within).ok_or(Refusal::Outside)?;
         let rows = self.rows.len();
         let aicc = aicc(found.deviance, parameters, rows).ok_or(Refusal::TooFew { rows, parameters })?;
-        Ok(Outcome { found, shape, corner_hz, aicc })
+        Ok(Outcome { found, shape, drift, corner_hz, aicc })
     }
 }
 
@@ -177,6 +238,8 @@ pub(super) fn is_likely(chi_square: f64, dof: usize) -> bool {
 pub(super) struct Outcome {
     pub found: Contaminated,
     pub shape: Vec<f64>,
+    /// Coefficients of the drift of the logarithm of the amplitude, from the first power of the relative time on.
+    pub drift: Vec<f64>,
     pub corner_hz: f64,
     pub aicc: f64,
 }

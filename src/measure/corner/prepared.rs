@@ -3,6 +3,7 @@
 use super::refusal::Refusal;
 use super::rows::{Amplitude, std_ent, usable};
 use crate::fit::contaminated::Data;
+use crate::fit::statistics::extremes;
 use crate::model::response::Response;
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -27,6 +28,8 @@ pub(super) struct Prepared {
     pub rows: Vec<usize>,
     /// Frequency of each, Hz.
     pub frequencies: Vec<f64>,
+    /// Time of each, -1 at the first and 1 at the last of the table; nan where that is not known.
+    pub times: Vec<f64>,
     /// The amplitudes, relative to `dc`.
     pub data: Data,
     /// First guess of the DC amplitude, enT.
@@ -42,6 +45,15 @@ fn mode(values: &mut [f64]) -> Option<f64> {
     let middles = values.windows(half.min(values.len()).max(1)).filter_map(|w| Some((w.last()? - w.first()?, w)));
     let (_, shortest) = middles.min_by(|a, b| a.0.total_cmp(&b.0))?;
     shortest.get(shortest.len() / 2).copied()
+}
+
+/// Time of a row of a table, -1 at the first and 1 at the last one; nan where one of the times is not known.
+pub(super) fn relative_time(table: &[Amplitude], row: usize) -> f64 {
+    if table.iter().any(|row| row.usable && !row.t_s.is_finite()) {
+        return f64::NAN;
+    }
+    let [first, last] = extremes(table.iter().filter(|row| row.usable).map(|row| row.t_s));
+    (2.0 * table[row].t_s - first - last) / (last - first)
 }
 
 impl Prepared {
@@ -77,7 +89,8 @@ impl Prepared {
             below: OUTLIERS_BELOW,
             least_scatter: LEAST_SCATTER,
         };
-        Ok(Self { rows, frequencies, data, dc, corners })
+        let times = rows.iter().map(|&i| relative_time(table, i)).collect();
+        Ok(Self { rows, frequencies, times, data, dc, corners })
     }
 
     /// Number of scatters that are estimated.

@@ -1,5 +1,8 @@
 //! What the corner of a table of amplitudes is, and how it was found.
 
+use super::drift::Drifting;
+use super::fit::{Outcome, drift_factor};
+use super::prepared::Prepared;
 use super::refusal::Refusal;
 use crate::data::frequency::{ComparedResponse, FittedResponse, FrequencyValues};
 use crate::model::response::Parameter;
@@ -22,7 +25,7 @@ pub struct Fitted {
 pub struct ModelCorner {
     /// Smallest frequency at which the response is `1/√2` of its DC gain, Hz.
     pub f_3db_model_hz: f64,
-    /// Its standard deviation, Hz: the larger one of the next two.
+    /// Its standard deviation, Hz: the larger one of the next two, and beside it what a drift would do that is possible.
     pub f_3db_model_std_hz: f64,
     /// From the linearised covariance, Hz.
     pub linearised_std_hz: f64,
@@ -89,6 +92,51 @@ pub struct Explained {
     pub dof: usize,
 }
 
+/// A drift of the amplitudes beside a response.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct AmplitudeDrift {
+    /// The response that it stands with.
+    pub model: &'static str,
+    /// Relative change of the amplitude of each component from the first to the last row; nan for a component without an answer.
+    pub change: [f64; 3],
+    /// f_3dB beside it, Hz.
+    pub f_3db_model_hz: [f64; 3],
+    /// DC amplitude in the middle of the run beside it, enT.
+    pub dc_ent: [f64; 3],
+    /// Whether it describes the amplitudes far better than the responses alone and is in the answer; otherwise it does about as well, and what it
+    /// would change is in the uncertainty.
+    pub is_found: bool,
+}
+
+impl AmplitudeDrift {
+    /// What the fits beside a response of this name say.
+    pub(super) fn of(model: &'static str, drifting: &Drifting, prepared: &[Result<Prepared, Refusal>; 3]) -> Self {
+        let of = |get: &dyn Fn(&Outcome, f64) -> f64| {
+            std::array::from_fn(|c| match (&drifting.fit[c], &prepared[c]) {
+                (Some(Ok(outcome)), Ok(prepared)) => get(outcome, prepared.dc),
+                _ => f64::NAN,
+            })
+        };
+        Self {
+            model,
+            change: of(&|outcome, _| drift_factor(&outcome.drift, 1.0) / drift_factor(&outcome.drift, -1.0) - 1.0),
+            f_3db_model_hz: of(&|outcome, _| outcome.corner_hz),
+            dc_ent: of(&|outcome, dc| outcome.values(dc)[0]),
+            is_found: drifting.is_found,
+        }
+    }
+
+    /// The answer for a component with what this drift would change in its uncertainties.
+    pub(super) fn widen(&self, model: ModelCorner, component: usize) -> ModelCorner {
+        let beside = |std: f64, with: f64, without: f64| if with.is_finite() { std.hypot(with - without) } else { std };
+        ModelCorner {
+            f_3db_model_std_hz: beside(model.f_3db_model_std_hz, self.f_3db_model_hz[component], model.f_3db_model_hz),
+            dc_std_ent: beside(model.dc_std_ent, self.dc_ent[component], model.dc_ent),
+            ..model
+        }
+    }
+}
+
 /// The corner of all components.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Corner {
@@ -96,6 +144,8 @@ pub struct Corner {
     pub model: Option<&'static str>,
     /// Known noise explains the amplitudes; `None` where they have a scatter of their own.
     pub explained: Option<Explained>,
+    /// A drift of the amplitudes that was found or is possible.
+    pub drift: Option<AmplitudeDrift>,
     /// x, y, z.
     pub components: [Component; 3],
     /// Every response that was tried, in the order given.

@@ -12,6 +12,8 @@ pub struct Amplitude {
     pub amplitude_ent: [f64; 3],
     /// Their standard deviations, enT; NaN where unknown.
     pub std_ent: [f64; 3],
+    /// Middle of the time in which the field was applied, s since the start of the run; nan where that is not known.
+    pub t_s: f64,
     /// Whether the row counts.
     pub usable: bool,
 }

@@ -37,8 +37,13 @@ impl Thin {
         for group in order.chunks(order.len().div_ceil(MOST)) {
             let logarithm = |i: usize| table[i].frequency_hz.ln();
             let middle = group.iter().map(|i| logarithm(*i)).sum::<f64>() / group.len() as f64;
-            let mut row =
-                Amplitude { frequency_hz: middle.exp(), amplitude_ent: [f64::NAN; 3], std_ent: [f64::NAN; 3], usable: true };
+            let mut row = Amplitude {
+                frequency_hz: middle.exp(),
+                amplitude_ent: [f64::NAN; 3],
+                std_ent: [f64::NAN; 3],
+                t_s: f64::NAN,
+                usable: true,
+            };
             let mut belongs = vec![[false; 3]; group.len()];
             for c in 0..3 {
                 let inliers = inliers(&group.iter().map(|i| table[*i].amplitude_ent[c]).collect::<Vec<f64>>());

@@ -117,7 +117,7 @@ mod tests {
         let row = |(k, f): (usize, &f64)| {
             let value = 1000.0 * response.value(*f, &[at(degc(k))]);
             // More than the temperature makes of any amplitude, 2 enT: no row stands out, and every row has the same weight.
-            Amplitude { frequency_hz: *f, amplitude_ent: [value; 3], std_ent: [5.0; 3], usable: true }
+            Amplitude { frequency_hz: *f, amplitude_ent: [value; 3], std_ent: [5.0; 3], t_s: f64::NAN, usable: true }
         };
         let table: Vec<Amplitude> = frequencies.iter().enumerate().map(row).collect();
         let options = corner::Options { responses: vec![response], ..corner::Options::default() };

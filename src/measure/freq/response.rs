@@ -4,7 +4,7 @@ use crate::data::frequency::SineAmplitude;
 use crate::data::note::{Note, NoteKind};
 use crate::data::units::COMPONENTS;
 use crate::fit::statistics::median;
-use crate::measure::corner::{self, Amplitude, Corner, ModelCorner};
+use crate::measure::corner::{self, Amplitude, AmplitudeDrift, Corner, ModelCorner};
 
 /// Weight in the response fit from which an amplitude counts as used.
 const USED: f64 = 0.5;
@@ -23,6 +23,7 @@ pub(super) fn respond(measured: &mut [SineAmplitude], compared: &[[bool; 3]], no
             // What is not detected is no amplitude, and a fit of noise would find a corner in it.
             amplitude_ent: std::array::from_fn(|i| if a.detected[i] && compared[i] { a.b_ent[i] } else { f64::NAN }),
             std_ent: a.b_std_ent,
+            t_s: a.used_s.map_or(f64::NAN, |[begin, end]| 0.5 * (begin + end)),
             usable: a.used && a.detected.contains(&true),
         })
         .collect();
@@ -56,7 +57,32 @@ pub(super) fn respond(measured: &mut [SineAmplitude], compared: &[[bool; 3]], no
         }
     }
     notes.extend(unexplained(&table, &corner));
+    notes.extend(corner.drift.as_ref().map(|drift| drifting(drift, &corner)));
     corner
+}
+
+/// Says of a drift of the amplitudes what it does.
+fn drifting(drift: &AmplitudeDrift, corner: &Corner) -> Note {
+    let change = COMPONENTS.iter().zip(drift.change).filter(|(_, change)| change.is_finite());
+    let change: Vec<String> = change.map(|(name, change)| format!("{change:+.1e} in {name}")).collect();
+    let change = change.join(", ");
+    let text = if drift.is_found {
+        format!(
+            "the amplitudes change by {change} from the first to the last frequency beside what the response \"{}\" does, as of a source \
+             or a gain that drifts; that describes them far better than any response alone, and the response holds beside it",
+            drift.model
+        )
+    } else {
+        format!(
+            "amplitudes that change by {change} from the first to the last frequency beside the response \"{}\", as of a source or a gain \
+             that drifts, are described as well as by \"{}\" alone: the frequencies follow each other in time; what it would change is in \
+             the uncertainties of f_3dB and of the DC gain",
+            drift.model,
+            corner.model.unwrap_or("none")
+        )
+    };
+    let remedy = "measure some of the first frequencies again at the end of the run";
+    Note::new(NoteKind::Gain, text).with_remedy(remedy)
 }
 
 /// Says of amplitudes with known noise that none of the responses describes them within it.

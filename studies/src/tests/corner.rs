@@ -41,7 +41,7 @@ fn table(run: &str) -> Vec<Amplitude> {
 }
 
 fn plain(frequency_hz: f64, amplitude_ent: [f64; 3]) -> Amplitude {
-    Amplitude { frequency_hz, amplitude_ent, std_ent: [f64::NAN; 3], usable: true }
+    Amplitude { frequency_hz, amplitude_ent, std_ent: [f64::NAN; 3], t_s: f64::NAN, usable: true }
 }
 
 /// The frequencies of 2013.

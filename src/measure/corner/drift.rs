@@ -1,0 +1,76 @@
+//! An amplitude of the field, or a gain, that drifts while one frequency after the other is applied.
+//!
+//! Where the frequencies follow each other from low to high or back, time is the frequency under another name: responses of more parameters take a
+//! drift of some 1e-4 for what they do with frequency, and nothing is left that would tell. Every response is therefore fitted beside a drift as well, a polynomial
+//! of the time in the logarithm of the amplitude of every component. A drift needs evidence beside the response that it stands with; it is found
+//! where it describes the amplitudes better than all responses do without, and possible where it does about as well.
+
+use super::choice::{Known, PerComponent, explained, least, total_aicc};
+use super::prepared::Prepared;
+use super::refusal::Refusal;
+use super::result::Explained;
+use crate::fit::aicc;
+use crate::model::response::Response;
+
+/// Highest degree of a drift.
+const HIGHEST_DEGREE: usize = 3;
+/// A hypothesis whose AICc is lower by this much is a hundred times as likely.
+const CLEAR: f64 = 9.2;
+/// Drifts that are fitted: the most promising of all responses and degrees.
+const FITTED: usize = 3;
+
+/// A drift beside a response.
+pub(super) struct Drifting {
+    /// Index of the response.
+    pub response: usize,
+    /// Its fits with the drift.
+    pub fit: PerComponent,
+    /// Their AICc.
+    pub total: f64,
+    /// What they leave.
+    pub explained: Explained,
+    /// Whether it describes the amplitudes far better than the best response alone does.
+    pub is_found: bool,
+}
+
+/// The likeliest drift that known noise explains what it leaves of, that has evidence beside its response and is at least about as likely as the best
+/// response alone; `None` without one.
+pub(super) fn drifting(responses: &[Response], prepared: &[Result<Prepared, Refusal>; 3], still: &Known) -> Option<Drifting> {
+    if prepared.iter().flatten().any(|p| p.times.iter().any(|t| !t.is_finite())) {
+        return None;
+    }
+    let at_best = least(&still.totals).filter(|best| explained(&still.fits[*best], prepared).is_some());
+    let at_best = at_best.and_then(|best| still.totals[best]).unwrap_or(f64::INFINITY);
+    let mut promising: Vec<(f64, usize, usize)> = Vec::new();
+    for (m, (response, fit)) in responses.iter().zip(&still.fits).enumerate() {
+        for degree in 1..=HIGHEST_DEGREE {
+            let expected = expected(*response, degree, fit, prepared);
+            let has_evidence = |expected: &f64| still.totals[m].is_some_and(|own| expected + CLEAR < own);
+            promising.extend(expected.filter(has_evidence).map(|expected| (expected, m, degree)));
+        }
+    }
+    promising.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let fitted = promising.into_iter().take(FITTED).filter_map(|(_, m, degree)| {
+        let again = |c: usize| {
+            let (still, prepared) = (still.fits[m][c].as_ref()?.as_ref().ok()?, prepared[c].as_ref().ok()?);
+            Some(prepared.drifting_fit(responses[m], degree, still))
+        };
+        let fit: PerComponent = std::array::from_fn(again);
+        let (total, explained) = (total_aicc(&fit)?, explained(&fit, prepared)?);
+        let is_likely = still.totals[m].is_some_and(|own| total + CLEAR < own) && total < at_best + CLEAR;
+        is_likely.then_some(Drifting { response: m, fit, total, explained, is_found: total + CLEAR < at_best })
+    });
+    fitted.min_by(|a, b| a.total.total_cmp(&b.total))
+}
+
+/// AICc that a response is to have beside a drift; `None` where it does not fit to a component alone or has too few rows.
+fn expected(response: Response, degree: usize, fit: &PerComponent, prepared: &[Result<Prepared, Refusal>; 3]) -> Option<f64> {
+    let mut sum = 0.0;
+    for (outcome, prepared) in fit.iter().flatten().zip(prepared.iter().flatten()) {
+        let outcome = outcome.as_ref().ok()?;
+        // Without a value there are too few rows for so many parameters.
+        let penalty = aicc(0.0, outcome.found.state.parameters.len() + degree, prepared.rows.len())?;
+        sum += outcome.found.deviance - prepared.drift_takes(response, degree, outcome) + penalty;
+    }
+    Some(sum)
+}
