@@ -162,7 +162,10 @@ fn short(table: &[Amplitude], options: &Options) -> Corner {
             (Ok(_), None) => Err(no_model(&fits)),
             (Ok(prepared), Some((best, Ok(outcome)))) => {
                 let model = describe(table, c, responses[best], prepared, outcome, explained, &replicates);
-                Ok(drift.as_ref().filter(|d| !d.is_found).map_or(model.clone(), |d| d.widen(model, c)))
+                Ok(match &drift {
+                    Some(drift) => drift.widen(model, c),
+                    None => model,
+                })
             }
         };
         Component {

@@ -13,11 +13,11 @@ use crate::fit::aicc;
 use crate::model::response::Response;
 
 /// Highest degree of a drift.
-const HIGHEST_DEGREE: usize = 3;
+const HIGHEST_DEGREE: usize = 5;
 /// A hypothesis whose AICc is lower by this much is a hundred times as likely.
 const CLEAR: f64 = 9.2;
 /// Drifts that are fitted: the most promising of all responses and degrees.
-const FITTED: usize = 3;
+const FITTED: usize = 6;
 
 /// A drift beside a response.
 pub(super) struct Drifting {
@@ -31,6 +31,8 @@ pub(super) struct Drifting {
     pub explained: Explained,
     /// Whether it describes the amplitudes far better than the best response alone does.
     pub is_found: bool,
+    /// Fits of other responses and degrees that are about as likely.
+    pub others: Vec<PerComponent>,
 }
 
 /// The likeliest drift that known noise explains what it leaves of, that has evidence beside its response and is at least about as likely as the best
@@ -58,9 +60,15 @@ pub(super) fn drifting(responses: &[Response], prepared: &[Result<Prepared, Refu
         let fit: PerComponent = std::array::from_fn(again);
         let (total, explained) = (total_aicc(&fit)?, explained(&fit, prepared)?);
         let is_likely = still.totals[m].is_some_and(|own| total + CLEAR < own) && total < at_best + CLEAR;
-        is_likely.then_some(Drifting { response: m, fit, total, explained, is_found: total + CLEAR < at_best })
+        let is_found = total + CLEAR < at_best;
+        is_likely.then_some(Drifting { response: m, fit, total, explained, is_found, others: Vec::new() })
     });
-    fitted.min_by(|a, b| a.total.total_cmp(&b.total))
+    let mut fitted: Vec<Drifting> = fitted.collect();
+    fitted.sort_by(|a, b| a.total.total_cmp(&b.total));
+    let mut fitted = fitted.into_iter();
+    let best = fitted.next()?;
+    let most = best.total + CLEAR;
+    Some(Drifting { others: fitted.filter(|other| other.total < most).map(|other| other.fit).collect(), ..best })
 }
 
 /// AICc that a response is to have beside a drift; `None` where it does not fit to a component alone or has too few rows.

@@ -99,10 +99,10 @@ pub struct AmplitudeDrift {
     pub model: &'static str,
     /// Relative change of the amplitude of each component from the first to the last row; nan for a component without an answer.
     pub change: [f64; 3],
-    /// f_3dB beside it, Hz.
-    pub f_3db_model_hz: [f64; 3],
-    /// DC amplitude in the middle of the run beside it, enT.
-    pub dc_ent: [f64; 3],
+    /// f_3dB beside it, Hz, and beside other drifts that are about as likely.
+    pub f_3db_model_hz: [Vec<f64>; 3],
+    /// The same of the DC amplitude in the middle of the run, enT.
+    pub dc_ent: [Vec<f64>; 3],
     /// Whether it describes the amplitudes far better than the responses alone and is in the answer; otherwise it does about as well, and what it
     /// would change is in the uncertainty.
     pub is_found: bool,
@@ -112,26 +112,31 @@ impl AmplitudeDrift {
     /// What the fits beside a response of this name say.
     pub(super) fn of(model: &'static str, drifting: &Drifting, prepared: &[Result<Prepared, Refusal>; 3]) -> Self {
         let of = |get: &dyn Fn(&Outcome, f64) -> f64| {
-            std::array::from_fn(|c| match (&drifting.fit[c], &prepared[c]) {
-                (Some(Ok(outcome)), Ok(prepared)) => get(outcome, prepared.dc),
-                _ => f64::NAN,
+            std::array::from_fn(|c| {
+                let Ok(prepared) = &prepared[c] else { return Vec::new() };
+                let fits = std::iter::once(&drifting.fit).chain(&drifting.others);
+                fits.filter_map(|fit| Some(get(fit[c].as_ref()?.as_ref().ok()?, prepared.dc))).collect()
             })
         };
+        let change: [Vec<f64>; 3] =
+            of(&|outcome, _| drift_factor(&outcome.drift, 1.0) / drift_factor(&outcome.drift, -1.0) - 1.0);
         Self {
             model,
-            change: of(&|outcome, _| drift_factor(&outcome.drift, 1.0) / drift_factor(&outcome.drift, -1.0) - 1.0),
+            change: change.map(|all| all.first().copied().unwrap_or(f64::NAN)),
             f_3db_model_hz: of(&|outcome, _| outcome.corner_hz),
             dc_ent: of(&|outcome, dc| outcome.values(dc)[0]),
             is_found: drifting.is_found,
         }
     }
 
-    /// The answer for a component with what this drift would change in its uncertainties.
+    /// The answer for a component with what this drift, and others that are as likely, would change in its uncertainties.
     pub(super) fn widen(&self, model: ModelCorner, component: usize) -> ModelCorner {
-        let beside = |std: f64, with: f64, without: f64| if with.is_finite() { std.hypot(with - without) } else { std };
+        let beside = |std: f64, others: &[Vec<f64>; 3], own: f64| {
+            std.hypot(others[component].iter().map(|other| (other - own).abs()).fold(0.0, f64::max))
+        };
         ModelCorner {
-            f_3db_model_std_hz: beside(model.f_3db_model_std_hz, self.f_3db_model_hz[component], model.f_3db_model_hz),
-            dc_std_ent: beside(model.dc_std_ent, self.dc_ent[component], model.dc_ent),
+            f_3db_model_std_hz: beside(model.f_3db_model_std_hz, &self.f_3db_model_hz, model.f_3db_model_hz),
+            dc_std_ent: beside(model.dc_std_ent, &self.dc_ent, model.dc_ent),
             ..model
         }
     }

@@ -38,7 +38,9 @@ const APART_PRIOR: f64 = 0.1;
 const APART_RANGE: f64 = 9.0;
 /// Prior probabilities of white noise that grows with the field, where the readings suggest it, and of slow noise of the gain.
 const GROWING_PRIOR: [f64; 2] = [0.2, 0.5];
-/// Prior probability that slow noise forgets in a record without fields: of the noise of a sensor alone a power density is known.
+/// Prior probabilities of no slow noise at all, where fields are applied and in a record without, and there that slow noise forgets: a sensor alone shows
+/// in an hour that its noise has a power density which rises to low frequencies.
+const WHITE_PRIOR: [f64; 2] = [0.5, 0.1];
 const FORGETS_PRIOR: f64 = 0.1;
 /// Time constants of the relaxations of a power density: the shortest in rows, the longest in lengths of the series, and their ratio.
 const SHORTEST: f64 = 0.4;
@@ -562,11 +564,12 @@ fn slow_of_any_size(white: NoiseParameters, has_fields: bool) -> Vec<(NoiseParam
         (false, true) => FORGETS_PRIOR / count(true),
         (false, false) => (1.0 - FORGETS_PRIOR) / count(false),
     };
-    let part = 0.5 / RATIOS.len() as f64;
+    let of_white = WHITE_PRIOR[usize::from(!has_fields)];
+    let part = (1.0 - of_white) / RATIOS.len() as f64;
     let slow = RATIOS.iter().flat_map(|slow| {
         coarse_shapes().map(move |s| (NoiseParameters { slow: *slow, ..white }.with_shape(s), part * of_shape(s)))
     });
-    slow.chain([(white, 0.5)]).collect()
+    slow.chain([(white, of_white)]).collect()
 }
 
 /// White noise with slow noise of the gain and other slow noise of every shape, of sizes about those of other parameters if these have them; with
