@@ -509,7 +509,8 @@ fn as_switched(
 
 #[cfg(test)]
 mod tests {
-    use super::{Slopes, clip, demean, joined};
+    use super::{Grid, Inside, Signals, Slopes, belongs, clip, demean, joined};
+    use crate::model::effects::Catalogue;
     use crate::record::prepared::Samples;
 
     /// 90 plateaus of 6 s every 7 s at 32 Hz.
@@ -561,6 +562,20 @@ mod tests {
             assert!(most < 2.0, "{most}");
             assert_eq!(values.iter().zip(&clean).filter(|(v, c)| v != c).count(), 2);
         }
+    }
+
+    /// Beside a tone at 10.75 Hz, of which the third harmonic is seen at 0.25 Hz: a line there is that harmonic, one beside it is a signal of its own, and
+    /// one that is beside the tone itself by as much is what the tone has beside a pure period.
+    #[test]
+    fn a_line_beside_a_folded_harmonic_is_another_signal() {
+        let (samples, windows) = plateaus();
+        let grid = Grid::new(&samples, &windows, 32.0).unwrap();
+        let (effect, line) = Signals::of(&Catalogue::default()).line.unwrap();
+        let tone = Inside::new(effect, (line.term)(&[0, 1, 2], 10.75));
+        let [third_hz, beside_hz] = [0.25, 0.27];
+        assert!((grid.seen_hz(3.0 * 10.75) - third_hz).abs() < 1e-9);
+        assert!(belongs(third_hz, &tone, &grid) && !belongs(beside_hz, &tone, &grid));
+        assert!(belongs(10.77, &tone, &grid) && !belongs(11.5, &tone, &grid));
     }
 
     /// A saw that changes its sign from plateau to plateau is no slow change.

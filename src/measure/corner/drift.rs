@@ -16,7 +16,7 @@ use crate::model::response::Response;
 const HIGHEST_DEGREE: usize = 5;
 /// A hypothesis whose AICc is lower by this much is a hundred times as likely.
 const CLEAR: f64 = 9.2;
-/// Drifts that are fitted: the most promising of all responses and degrees.
+/// Drifts that are fitted: the most promising responses, each with its best degree.
 const FITTED: usize = 6;
 
 /// A drift beside a response.
@@ -31,7 +31,7 @@ pub(super) struct Drifting {
     pub explained: Explained,
     /// Whether it describes the amplitudes far better than the best response alone does.
     pub is_found: bool,
-    /// Fits of other responses and degrees that are about as likely.
+    /// Fits of other responses beside a drift that are about as likely.
     pub others: Vec<PerComponent>,
 }
 
@@ -45,11 +45,9 @@ pub(super) fn drifting(responses: &[Response], prepared: &[Result<Prepared, Refu
     let at_best = at_best.and_then(|best| still.totals[best]).unwrap_or(f64::INFINITY);
     let mut promising: Vec<(f64, usize, usize)> = Vec::new();
     for (m, (response, fit)) in responses.iter().zip(&still.fits).enumerate() {
-        for degree in 1..=HIGHEST_DEGREE {
-            let expected = expected(*response, degree, fit, prepared);
-            let has_evidence = |expected: &f64| still.totals[m].is_some_and(|own| expected + CLEAR < own);
-            promising.extend(expected.filter(has_evidence).map(|expected| (expected, m, degree)));
-        }
+        let of_degree = |degree: usize| Some((expected(*response, degree, fit, prepared)?, m, degree));
+        let best = (1..=HIGHEST_DEGREE).filter_map(of_degree).min_by(|a, b| a.0.total_cmp(&b.0));
+        promising.extend(best.filter(|(expected, ..)| still.totals[m].is_some_and(|own| expected + CLEAR < own)));
     }
     promising.sort_by(|a, b| a.0.total_cmp(&b.0));
     let fitted = promising.into_iter().take(FITTED).filter_map(|(_, m, degree)| {
