@@ -16,6 +16,8 @@ use rayon::prelude::*;
 const NOISE_UNKNOWN: f64 = 1.1;
 /// Explanations beside which a second effect is looked for where none stands out alone; as in reports/blind-study.md.
 const HIDDEN: usize = 3;
+/// How probable noise that forgets is without fields, over what it is with them.
+const FORGETS: f64 = 0.1;
 /// Explanations whose evidence is averaged over the noise; as in reports/blind-study.md.
 const PROMISING: usize = 5;
 /// Evidence (logarithm) by which two effects of the catalogue have to exceed a function that is in no catalogue, beside which they are
@@ -172,11 +174,25 @@ impl Problem for Means<'_> {
     }
 }
 
+/// Noises with their probabilities where a sensor alone makes them: its noise has a power density, and one that forgets after a few rows, which makes of
+/// weak 1/f noise a drift, is rarer there than among the noises of a run.
+fn of_a_sensor(mut noises: Vec<(Noise, f64)>) -> Vec<(Noise, f64)> {
+    for (noise, log_probability) in &mut noises {
+        if noise.parameters.memory_rows > 0.0 {
+            *log_probability += FORGETS.ln();
+        }
+    }
+    let sum = log_sum(noises.iter().map(|n| n.1));
+    noises.iter_mut().for_each(|n| n.1 -= sum);
+    noises
+}
+
 impl Means<'_> {
     /// What stands out beside a model.
     fn look(&self, model: &MeansModel, now: &[&Candidate]) -> Look {
         let scored = self.scored(model);
         let noises = self.correlations.plausible(&model.noise.parameters, &self.readings, &self.designs(now));
+        let noises = if self.is_of_sensor_alone() { of_a_sensor(noises) } else { noises };
         let white = noises.last().map(|(white, _)| self.model_with(white.clone(), now));
         let white_scored = white.as_ref().map(|white| self.scored(white));
         let averaged = self.averaged(&scored, white.as_ref().zip(white_scored.as_ref()), &noises, (now, model));
@@ -191,6 +207,11 @@ impl Means<'_> {
             })
         });
         Look { averaged, evident, noises, white: white.zip(groups) }
+    }
+
+    /// Whether neither coils nor a spacecraft make the field.
+    fn is_of_sensor_alone(&self) -> bool {
+        !self.prepared.record.has_fields() && self.prepared.record.scale != Scale::Calibrated
     }
 
     /// Two effects that are noise to each other: each stands out beside the other one alone.

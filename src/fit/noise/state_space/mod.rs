@@ -38,10 +38,6 @@ const APART_PRIOR: f64 = 0.1;
 const APART_RANGE: f64 = 9.0;
 /// Prior probabilities of white noise that grows with the field, where the readings suggest it, and of slow noise of the gain.
 const GROWING_PRIOR: [f64; 2] = [0.2, 0.5];
-/// Prior probabilities of no slow noise at all, where fields are applied and in a record without, and there that slow noise forgets: a sensor alone shows
-/// in an hour that its noise has a power density which rises to low frequencies.
-const WHITE_PRIOR: [f64; 2] = [0.5, 0.1];
-const FORGETS_PRIOR: f64 = 0.1;
 /// Time constants of the relaxations of a power density: the shortest in rows, the longest in lengths of the series, and their ratio.
 const SHORTEST: f64 = 0.4;
 const LONGEST: f64 = 3.0;
@@ -346,8 +342,7 @@ impl Correlations {
         let of_rows =
             if self.0.rows.inside.is_some() { vec![(true, APART_PRIOR), (false, 1.0 - APART_PRIOR)] } else { vec![(false, 1.0)] };
         let [of_white, of_gain] = GROWING_PRIOR;
-        let has_fields = self.0.rows.field.iter().flatten().any(|u| *u != 0.0);
-        let of_gain = if has_fields { of_gain } else { 0.0 };
+        let of_gain = if self.0.rows.field.iter().flatten().any(|u| *u != 0.0) { of_gain } else { 0.0 };
         let white_fields =
             if from.white_field > 0.0 { vec![(from.white_field, of_white), (0.0, 1.0 - of_white)] } else { vec![(0.0, 1.0)] };
         for (apart, p) in of_rows {
@@ -356,7 +351,7 @@ impl Correlations {
                 // Scatter apart and slow noise of the gain are both rare: of one of them nothing else is tried.
                 let of_gain = if apart == from.apart { of_gain } else { 0.0 };
                 let gain = if of_gain > 0.0 { slow_of_the_gain(from, white) } else { Vec::new() };
-                let parts = [(gain, of_gain), (slow_of_any_size(white, has_fields), 1.0 - of_gain)];
+                let parts = [(gain, of_gain), (slow_of_any_size(white), 1.0 - of_gain)];
                 tried.extend(
                     parts
                         .into_iter()
@@ -553,23 +548,13 @@ fn coarse_shapes() -> impl Iterator<Item = usize> {
     (0..SHAPES).step_by(COARSE)
 }
 
-/// White noise with slow noise of every shape and size, or none, which is the last; with their probabilities. A field that is set, a coil that is driven, may
-/// bring noise that forgets; a sensor alone has a power density.
-fn slow_of_any_size(white: NoiseParameters, has_fields: bool) -> Vec<(NoiseParameters, f64)> {
-    let forgets = |shape: usize| shape >= EXPONENTS.len();
-    let count = |kind: bool| coarse_shapes().filter(|s| forgets(*s) == kind).count() as f64;
-    let all = count(false) + count(true);
-    let of_shape = |shape: usize| match (has_fields, forgets(shape)) {
-        (true, _) => 1.0 / all,
-        (false, true) => FORGETS_PRIOR / count(true),
-        (false, false) => (1.0 - FORGETS_PRIOR) / count(false),
-    };
-    let of_white = WHITE_PRIOR[usize::from(!has_fields)];
-    let part = (1.0 - of_white) / RATIOS.len() as f64;
-    let slow = RATIOS.iter().flat_map(|slow| {
-        coarse_shapes().map(move |s| (NoiseParameters { slow: *slow, ..white }.with_shape(s), part * of_shape(s)))
-    });
-    slow.chain([(white, of_white)]).collect()
+/// White noise with slow noise of every shape and size, or none, which is the last; with their probabilities.
+fn slow_of_any_size(white: NoiseParameters) -> Vec<(NoiseParameters, f64)> {
+    let part = 0.5 / (RATIOS.len() * coarse_shapes().count()) as f64;
+    let slow = RATIOS
+        .iter()
+        .flat_map(|slow| coarse_shapes().map(move |s| (NoiseParameters { slow: *slow, ..white }.with_shape(s), part)));
+    slow.chain([(white, 0.5)]).collect()
 }
 
 /// White noise with slow noise of the gain and other slow noise of every shape, of sizes about those of other parameters if these have them; with
