@@ -107,7 +107,8 @@ impl Work<'_, '_> {
         for entry in &self.campaign.file.thermistors {
             let mut findings = Vec::new();
             let order = entry.order.map(|order| order as usize);
-            let options = thermistor::Options { order, divider: entry.divider, ..thermistor::Options::default() };
+            let sensor = entry.sensor.clone();
+            let options = thermistor::Options { order, divider: entry.divider, sensor, ..thermistor::Options::default() };
             let path = |name: &String| named_file(root, name, entry.is_outside);
             let made = path(&entry.table).and_then(|table| {
                 let reference = entry.reference.as_ref().map(path).transpose()?;
