@@ -96,6 +96,7 @@ impl RunResult for Offset {
         Opf {
             values: self.values,
             convention: if self.model.is_some() { convention.without_effects() } else { convention },
+            std: Some(self.values.std()),
             found: self.found.clone(),
             conditions: self.temperatures.conditions.clone(),
             facility: self.facility.clone(),
