@@ -202,6 +202,7 @@ struct CarryDay<'a> {
     t_last_degc: f64,
     /// As in the day table of `calfit flight`.
     continuity_nt: [f64; 3],
+    modes: Vec<&'a str>,
     reset: bool,
 }
 
@@ -223,6 +224,7 @@ impl<'a> CarryShown<'a> {
             t_first_degc: row.degc[0],
             t_last_degc: row.degc[1],
             continuity_nt: row.continuity.sum_nt,
+            modes: row.modes.split(' ').filter(|sid| !sid.is_empty()).collect(),
             reset: row.continuity.joined.is_none(),
         };
         let unknown = carry.unknown.iter().map(|((sensor, day), reason)| UnknownDay { sensor, day: day_name(*day), reason });

@@ -1,7 +1,8 @@
 //! Long tables, read and written batch by batch: CSV, Parquet, Arrow IPC.
 
+use super::as_read::AsReadWriter;
 use super::columns::ParquetFile;
-use super::frames::{frame_of, is_own};
+use super::frames::{AsRead, frame_of, is_own};
 use super::guard::guarded;
 use super::wrong;
 use crate::data::error::Finding;
@@ -29,6 +30,8 @@ const BATCH: usize = 1 << 18;
 #[derive(Clone, Debug)]
 pub struct Batch {
     frame: DataFrame,
+    /// Columns that had another type in the file, as they were read.
+    as_read: AsRead,
     /// Rows of the table before these.
     before: usize,
 }
@@ -112,14 +115,15 @@ impl Reader {
     /// # Errors
     /// What is wrong with the file.
     pub fn next_batch(&mut self) -> Result<Option<Batch>, Finding> {
+        let plain = |frame: DataFrame| (frame, AsRead::new());
         let frame = match &mut self.source {
-            Rows::Csv(rows) => rows.next_frame(&self.path)?,
+            Rows::Csv(rows) => rows.next_frame(&self.path)?.map(plain),
             Rows::Parquet { pieces } => match pieces.next() {
                 None => None,
                 Some(piece) => {
                     let file = source::open(&self.path)?;
                     let read = || ParquetReader::new(file).with_slice(Some(piece)).finish().map_err(|e| refuse(&self.path, &e));
-                    Some(guarded(&self.path, read)?)
+                    Some(plain(guarded(&self.path, read)?))
                 }
             },
             Rows::Ipc(reader) => {
@@ -148,9 +152,9 @@ impl Reader {
             }
         };
         let before = self.done;
-        Ok(frame.map(|frame| {
+        Ok(frame.map(|(frame, as_read)| {
             self.done += frame.height();
-            Batch { frame, before }
+            Batch { frame, as_read, before }
         }))
     }
 }
@@ -407,7 +411,7 @@ impl Batch {
     /// Columns of unequal length.
     pub fn of_numbers(columns: Vec<(&str, Vec<f64>)>, before: usize) -> Result<Self, Finding> {
         let height = columns.first().map_or(0, |(_, values)| values.len());
-        let mut batch = Self { frame: DataFrame::empty_with_height(height), before };
+        let mut batch = Self { frame: DataFrame::empty_with_height(height), as_read: AsRead::new(), before };
         columns.into_iter().try_for_each(|(name, values)| batch.push(name, values))?;
         Ok(batch)
     }
@@ -424,6 +428,8 @@ pub struct Writer<'a> {
 enum To<'a> {
     Csv(CsvBatches<&'a mut Pending>),
     Parquet(Box<ParquetBatches<&'a mut Pending>>),
+    /// Parquet with columns that pass in the types of their file.
+    AsRead(Box<AsReadWriter<&'a mut Pending>>),
 }
 
 impl<'a> Writer<'a> {
@@ -449,6 +455,7 @@ impl<'a> Writer<'a> {
         match &mut self.to {
             Some(To::Csv(writer)) => writer.write_batch(&batch.frame),
             Some(To::Parquet(writer)) => writer.write_batch(&batch.frame),
+            Some(To::AsRead(writer)) => writer.write(&batch.frame, &batch.as_read),
             None => Ok(()),
         }
         .map_err(|e| wrong(&e))
@@ -462,6 +469,7 @@ impl<'a> Writer<'a> {
         match self.to {
             Some(To::Csv(mut writer)) => writer.finish(),
             Some(To::Parquet(writer)) => writer.finish().map(drop),
+            Some(To::AsRead(writer)) => writer.finish(),
             None => Ok(()),
         }
         .map_err(|e| wrong(&e))
@@ -477,10 +485,15 @@ impl<'a> To<'a> {
             file.write_all(line.as_bytes()).map_err(|e| Finding::error("table", e.to_string(), "check the disk"))?;
             return Ok(To::Csv(CsvWriter::new(file).batched(schema).map_err(|e| wrong(&e))?));
         }
-        let mark = KeyValueMetadata::from_static(vec![
+        let says = vec![
             ("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION"))),
             ("calfit".to_owned(), note.to_owned()),
-        ]);
+        ];
+        if !first.as_read.is_empty() {
+            let writer = AsReadWriter::new(file, &first.frame, &first.as_read, says).map_err(|e| wrong(&e))?;
+            return Ok(To::AsRead(Box::new(writer)));
+        }
+        let mark = KeyValueMetadata::from_static(says);
         let writer =
             ParquetWriter::new(file).with_key_value_metadata(Some(mark)).with_compression(ParquetCompression::Zstd(None));
         Ok(To::Parquet(Box::new(writer.batched(schema).map_err(|e| wrong(&e))?)))
