@@ -151,6 +151,7 @@ fn the_first_pass_and_the_report_are_told_as_json() {
     assert_eq!(said["file"], file.display().to_string());
     let table = SeriesTable::open(&file).unwrap();
     let days = said["days"].as_array().unwrap();
+    let modes = table.words("modes").unwrap();
     assert_eq!(days.len(), table.rows());
     assert!(days.len() >= 4 && said["unknown"].as_array().unwrap().is_empty(), "{said}");
     let (first, sums) = (table.whole("first_tt2000").unwrap(), table.numbers("s_y_nt").unwrap());
@@ -158,6 +159,9 @@ fn the_first_pass_and_the_report_are_told_as_json() {
     let dates = table.utc("date", &leap).unwrap();
     for (row, day) in days.iter().enumerate() {
         assert_eq!((day["first_tt2000"].as_i64(), day["continuity_nt"][1].as_f64()), (Some(first[row]), Some(sums[row])));
+        let own: Vec<&str> = modes.words[modes.codes[row] as usize].split(' ').collect();
+        assert_eq!(serde_json::json!(own), day["modes"]);
+        assert!(own.iter().all(|sid| sid.starts_with("SID")), "{own:?}");
         assert!(leap.utc(dates[row]).to_string().starts_with(&format!("{}T00:00:00", day["day"].as_str().unwrap())));
     }
     let said = run("report", &set.out());

@@ -387,7 +387,7 @@ mod tests {
     }
 
     fn options() -> Options {
-        Options { order: None, signal: None, divider: None, compare: None, within_degc: 0.01 }
+        Options { order: None, signal: None, divider: None, compare: None, within_degc: 0.01, sensor: None }
     }
 
     fn row(t_degc: f64, u_volt: f64) -> ThermistorRow {

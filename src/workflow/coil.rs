@@ -135,7 +135,7 @@ pub fn coil_runs<'a>(jobs: &[Job<'a>], desk: &Desk, failures: &mut Vec<(String, 
 }
 
 fn inputs(runs: &[CoilRun]) -> Vec<Input> {
-    let mut list: Vec<Input> = runs.iter().map(|r| Input::from(&r.run.input)).collect();
+    let mut list: Vec<Input> = runs.iter().map(|r| Input::from(&r.run)).collect();
     for input in runs.iter().filter_map(|r| r.campaign.input.clone()) {
         if !list.contains(&input) {
             list.push(input);
