@@ -72,7 +72,20 @@ fn text_tables_are_made_of_what_both_sensors_share_as_well() {
         assert!(!label.contains("ua ") && !label.contains("uc "), "{label}");
         says(&label, &["NOTE = \"the table has no uncertainties\""]);
     }
-    says(&text(&output.stdout), &["the housekeeping has no text table"]);
+    // Housekeeping is a table as well, with temperatures in kelvin.
+    let folder = set.out().join(format!("level=HK/date={day}"));
+    let table = SeriesTable::open(&folder.join("calfit-HK-20150701.parquet")).unwrap();
+    let lines = fs::read_to_string(folder.join("RPCMAG_150701_CLA_HK.TAB")).unwrap();
+    assert_eq!(lines.lines().count(), table.rows());
+    let degc = table.numbers("t_ob").unwrap();
+    // Behind TIME_UTC and TIME_OBT, where the Parquet file has three columns of time.
+    let place = table.names().iter().position(|name| name == "t_ob").unwrap() - 1;
+    for (line, degc) in lines.lines().zip(&degc) {
+        let cell: f64 = line.split_whitespace().nth(place).unwrap().parse().unwrap();
+        assert!((cell - 273.15 - degc).abs() < 6e-4, "{line} {degc}");
+    }
+    let label = fs::read_to_string(folder.join("RPCMAG_150701_CLA_HK.LBL")).unwrap();
+    says(&label, &["NAME = T_OB", "UNIT = \"KELVIN\"", &format!("FILE_RECORDS = {}", table.rows())]);
 }
 
 #[test]
@@ -185,6 +198,13 @@ fn what_tables_hold_of_a_day_is_told() {
     says(position["from"].as_str().unwrap(), &["2015-06-29T00:00:00"]);
     says(position["to"].as_str().unwrap(), &["2015-06-29T01:00:00"]);
     assert_eq!(table("attitude")["covered"], 1.0);
+    // Every gap that the flags count is placed, the longest one first.
+    let counted = day["flags"].as_object().unwrap().iter().find(|(words, _)| words.contains("gap")).map_or(0, |(_, n)| n.as_u64().unwrap());
+    let gaps = day["gaps"].as_array().unwrap();
+    let lengths: Vec<f64> = gaps.iter().map(|gap| gap["seconds"].as_f64().unwrap()).collect();
+    assert!(gaps.len() as u64 <= counted && gaps.len() as u64 + 1 >= counted.min(100), "{counted} {gaps:?}");
+    assert!(lengths.windows(2).all(|pair| pair[0] >= pair[1]));
+    assert!(gaps.iter().all(|gap| gap["from"].as_str() < gap["to"].as_str()));
     assert_eq!(table("rotation")["covered"], 1.0);
     assert_eq!(table("daily")["covered"], 1.0);
     says(&text(&inspect(&[]).stdout), &["attitude 100.0 %", "position 0.0 % (2015-06-29T00:00:00"]);

@@ -366,10 +366,21 @@ fn open_without(
     common: &Common,
     terminal: &Terminal,
 ) -> Result<Vec<Campaign>, Finding> {
+    open_beside_files(paths, excluding, excluding, common, terminal)
+}
+
+/// The same, where some of what is left out may be of parameter files beside the runs; `of_runs` must be among the runs.
+fn open_beside_files(
+    paths: &[PathBuf],
+    excluding: &Excluding,
+    of_runs: &Excluding,
+    common: &Common,
+    terminal: &Terminal,
+) -> Result<Vec<Campaign>, Finding> {
     let mut findings = Vec::new();
     let campaigns = Campaign::open_without(paths, &excluding.exclude, &mut findings)?;
     findings.iter().for_each(|f| terminal.finding(f));
-    excluding.check(&campaigns)?;
+    of_runs.check(&campaigns)?;
     common.results.accept(&campaigns)?;
     Ok(campaigns)
 }

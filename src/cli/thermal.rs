@@ -2,7 +2,7 @@
 
 use super::options::{Excluding, Order, Runs, Sweeping, refuse_given, without_excluded};
 use super::output::{Terminal, json};
-use super::{Common, Status, does_not_apply, open_without, refused, report_failures, status};
+use super::{Common, Status, does_not_apply, open_beside_files, refused, report_failures, status};
 use crate::data::across::CalibratedRun;
 use crate::data::error::{Finding, Severity};
 use crate::data::note::{Note, NoteKind};
@@ -90,7 +90,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         missing.check(&[])?;
         Vec::new()
     } else {
-        open_without(&campaign_paths, &arguments.excluding, common, terminal)?
+        open_beside_files(&campaign_paths, &arguments.excluding, &missing, common, terminal)?
     };
     let desk = common.desk_without(&arguments.excluding);
     let (mut measured, total) =

@@ -133,11 +133,10 @@ impl Provenance {
     /// Provenance of a result made now.
     #[must_use]
     pub fn new(recipe: Recipe, input: Vec<Input>) -> Self {
-        let profile = if cfg!(debug_assertions) { "debug" } else { "release" };
         Self {
             tool: env!("CARGO_PKG_NAME").to_owned(),
             tool_version: env!("CARGO_PKG_VERSION").to_owned(),
-            build: format!("{}-{} {profile}", std::env::consts::ARCH, std::env::consts::OS),
+            build: build(),
             command: recipe.command(&input),
             created: created(),
             recipe: Some(recipe),
@@ -165,6 +164,14 @@ impl Provenance {
             None => Recipe::of_command(&self.command, &mut self.input),
         }
     }
+}
+
+/// Machine, profile and features for which the program was compiled, and the commit of its source where the build was told it.
+fn build() -> String {
+    let profile = if cfg!(debug_assertions) { "debug" } else { "release" };
+    let features = if cfg!(feature = "tables") { "" } else { ", without tables" };
+    let commit = option_env!("CALFIT_COMMIT").map_or_else(String::new, |commit| format!(", commit {commit}"));
+    format!("{}-{} {profile}{features}{commit}", std::env::consts::ARCH, std::env::consts::OS)
 }
 
 /// Now, or the time of `SOURCE_DATE_EPOCH`, to the second.

@@ -17,6 +17,7 @@ use crate::files::campaign::Campaign;
 use crate::measure::centre::AtCentre;
 use crate::measure::sweep::Sweep;
 use crate::measure::thermal::{Kind, Thermal};
+use sha2::{Digest, Sha256};
 
 /// A run in the protocol.
 pub struct RunPart<'a> {
@@ -152,7 +153,24 @@ pub fn document(p: &Protocol) -> Document {
     chapters.push(mathematics::nomenclature());
     chapters.push(origin(p));
     number(&mut chapters);
-    Document { title: title(p.campaign), front, sections: chapters, colophon: None }
+    let colophon = Some(Text::from(format!("End of the protocol {}.", identifier(p))));
+    Document { title: title(p.campaign), front, sections: chapters, colophon }
+}
+
+/// The identifier that the campaign states, or one that no other inputs have.
+fn identifier(p: &Protocol) -> String {
+    const DIGITS: usize = 6;
+    stated(p.campaign, "Document").map_or_else(
+        || {
+            let mut hash = Sha256::new();
+            for input in &p.provenance.input {
+                hash.update(format!("{} {}\n", input.sha256, input.path));
+            }
+            let digits: String = hash.finalize().iter().take(DIGITS).map(|byte| format!("{byte:02x}")).collect();
+            format!("calfit-{digits}")
+        },
+        str::to_owned,
+    )
 }
 
 /// Numbers chapters and their sections from 1.

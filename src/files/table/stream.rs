@@ -34,6 +34,8 @@ pub struct Batch {
     as_read: AsRead,
     /// Rows of the table before these.
     before: usize,
+    /// Lines of the rows in a file of text.
+    lines: Vec<u64>,
 }
 
 /// A table that is read batch by batch.
@@ -65,6 +67,8 @@ struct CsvRows {
     cells: usize,
     /// Lines read so far.
     line: u64,
+    /// Lines of the rows of the batch.
+    lines_of: Vec<u64>,
     /// Whether a batch was read.
     begun: bool,
 }
@@ -154,7 +158,11 @@ impl Reader {
         let before = self.done;
         Ok(frame.map(|(frame, as_read)| {
             self.done += frame.height();
-            Batch { frame, as_read, before }
+            let lines = match &mut self.source {
+                Rows::Csv(rows) => std::mem::take(&mut rows.lines_of),
+                _ => Vec::new(),
+            };
+            Batch { frame, as_read, before, lines }
         }))
     }
 }
@@ -175,7 +183,7 @@ fn pieces(groups: Vec<usize>) -> impl Iterator<Item = (usize, usize)> + Send {
 impl CsvRows {
     fn open(path: &Path, file: File) -> Result<Self, Finding> {
         let lines = BufReader::with_capacity(1 << 20, file);
-        let mut rows = Self { lines, header: String::new(), cells: 0, line: 0, begun: false };
+        let mut rows = Self { lines, header: String::new(), cells: 0, line: 0, lines_of: Vec::new(), begun: false };
         let mut line = Vec::new();
         loop {
             line.clear();
@@ -250,6 +258,7 @@ impl CsvRows {
     fn next_frame(&mut self, path: &Path) -> Result<Option<DataFrame>, Finding> {
         let mut text = self.header.clone().into_bytes();
         let mut rows = 0;
+        self.lines_of.clear();
         while rows < BATCH {
             let begin = text.len();
             if self.read_row(path, &mut text)? == 0 {
@@ -266,6 +275,7 @@ impl CsvRows {
                 return Err(finding.found(&text[begin..]));
             }
             rows += 1;
+            self.lines_of.push(self.line);
             let found = cells(&text[begin..]);
             if found != self.cells {
                 let rule = format!("has {found} cells where the header line has {}", self.cells);
@@ -305,6 +315,20 @@ fn cells(row: &[u8]) -> usize {
         **b == b',' && !is_quoted
     };
     row.iter().filter(divides).count() + 1
+}
+
+/// Bytes of a row before a cell; commas within quotes divide nothing.
+fn begin_of_cell(row: &[u8], cell: usize) -> usize {
+    let mut is_quoted = false;
+    let mut before = cell;
+    for (at, byte) in row.iter().enumerate() {
+        if before == 0 {
+            return at;
+        }
+        is_quoted ^= *byte == b'"';
+        before -= usize::from(*byte == b',' && !is_quoted);
+    }
+    row.len()
 }
 
 impl Batch {
@@ -352,7 +376,8 @@ impl Batch {
                 Some(text) => text.parse().map_err(|_| {
                     let row = self.before + row + 1;
                     let rule = format!("row {row}: the cell in column `{name}` is no number");
-                    Finding::error(&shown, rule, "correct it, or leave the cell empty").found(text.as_bytes())
+                    let finding = Finding::error(&shown, rule, "correct it, or leave the cell empty").found(text.as_bytes());
+                    self.placed(finding, path, name, row - self.before - 1)
                 }),
             };
             return cells.iter().enumerate().map(number).collect();
@@ -364,6 +389,21 @@ impl Batch {
         let cast = column.cast(&DataType::Float64).map_err(|e| refuse(path, &e))?;
         let values = cast.f64().map_err(|e| refuse(path, &e))?;
         Ok(values.iter().map(|v| v.unwrap_or(f64::NAN)).collect())
+    }
+
+    /// A finding with line and byte column of a cell in a file of text; `row` is that of the batch.
+    pub(super) fn placed(&self, finding: Finding, path: &Path, name: &str, row: usize) -> Finding {
+        let place = || {
+            let line = *self.lines.get(row)?;
+            let column = self.names().iter().position(|own| own == name)?;
+            // Errors are few, and the text of the row was not kept.
+            let text = BufReader::new(File::open(path).ok()?).split(b'\n').nth(usize::try_from(line).ok()? - 1)?.ok()?;
+            Some((line, begin_of_cell(&text, column) as u64 + 1))
+        };
+        match place() {
+            Some((line, column)) => finding.at(line, column),
+            None => finding,
+        }
     }
 
     /// A column of text; an empty cell is empty text. Cells of CSV are text whatever they hold.
@@ -411,7 +451,7 @@ impl Batch {
     /// Columns of unequal length.
     pub fn of_numbers(columns: Vec<(&str, Vec<f64>)>, before: usize) -> Result<Self, Finding> {
         let height = columns.first().map_or(0, |(_, values)| values.len());
-        let mut batch = Self { frame: DataFrame::empty_with_height(height), as_read: AsRead::new(), before };
+        let mut batch = Self { frame: DataFrame::empty_with_height(height), as_read: AsRead::new(), before, lines: Vec::new() };
         columns.into_iter().try_for_each(|(name, values)| batch.push(name, values))?;
         Ok(batch)
     }
@@ -503,6 +543,19 @@ impl<'a> To<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn cells_of_text_are_placed_by_line_and_byte() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("t.csv");
+        std::fs::write(&path, "# of a laboratory\nname,x,y\n\"a,b\",1,2\nµ,3,abc\n").unwrap();
+        let batch = Reader::open(&path).unwrap().next_batch().unwrap().unwrap();
+        let told = batch.numbers(&path, "y").unwrap_err();
+        // The fourth line begins with a letter of two bytes.
+        assert_eq!((told.line, told.column), (Some(4), Some(6)), "{told}");
+        assert!(told.to_string().contains("row 2") && told.to_string().contains("abc"), "{told}");
+        assert_eq!(begin_of_cell(b"\"a,b\",1,2", 2), 8);
+    }
 
     #[test]
     fn groups_of_rows_are_cut_into_batches_however_many_a_damaged_file_states() {

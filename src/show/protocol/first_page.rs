@@ -1,7 +1,7 @@
 //! The first page of a protocol: what became of the campaign, the final parameters of every sensor and mode at one temperature, the runs
 //! without a result, and the figures that say most.
 
-use super::{Protocol, RunPart, in_words, stated};
+use super::{Protocol, RunPart, identifier, in_words, stated};
 use crate::data::across::{CalibratedRun, CommonChange, RunValues};
 use crate::data::note::{Note, NoteKind};
 use crate::data::run::{Location, Run};
@@ -102,6 +102,9 @@ fn facts(p: &Protocol) -> Table {
         if let Some(text) = stated(p.campaign, label) {
             table.push(cells![label, text]);
         }
+    }
+    if stated(p.campaign, "Document").is_none() {
+        table.push(cells!["Document", identifier(p)]);
     }
     let personnel = &p.campaign.file.stated.personnel;
     if !personnel.is_empty() {

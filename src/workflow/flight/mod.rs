@@ -21,7 +21,7 @@ pub use daily_models::{DailyModels, DailyOptions, make_daily};
 pub use difference::{DifferenceOptions, diagnose_flight};
 pub use ground::Ground;
 pub use levels::{Level, Levels, NoLevels};
-pub use look::{Covered, Inspected, check, inspect};
+pub use look::{Covered, Gap, Inspected, check, inspect};
 pub use picture::check_day;
 
 use crate::data::error::Finding;
