@@ -199,7 +199,8 @@ fn what_tables_hold_of_a_day_is_told() {
     says(position["to"].as_str().unwrap(), &["2015-06-29T01:00:00"]);
     assert_eq!(table("attitude")["covered"], 1.0);
     // Every gap that the flags count is placed, the longest one first.
-    let counted = day["flags"].as_object().unwrap().iter().find(|(words, _)| words.contains("gap")).map_or(0, |(_, n)| n.as_u64().unwrap());
+    let counted =
+        day["flags"].as_object().unwrap().iter().find(|(words, _)| words.contains("gap")).map_or(0, |(_, n)| n.as_u64().unwrap());
     let gaps = day["gaps"].as_array().unwrap();
     let lengths: Vec<f64> = gaps.iter().map(|gap| gap["seconds"].as_f64().unwrap()).collect();
     assert!(gaps.len() as u64 <= counted && gaps.len() as u64 + 1 >= counted.min(100), "{counted} {gaps:?}");

@@ -65,9 +65,8 @@ fn nearest<'a, 'b>(job: &Job, others: &'b [Job<'a>]) -> Option<&'b Job<'a>> {
     let is_like = |other: &&Job| {
         other.header.as_ref().is_some_and(|h| (&h.sensor, &h.mode) == (&own.sensor, &own.mode)) && other.excluded.is_none()
     };
-    let distance = |other: &&Job| {
-        other.header.as_ref().map_or(f64::INFINITY, |header| (header.start.seconds() - own.start.seconds()).abs())
-    };
+    let distance =
+        |other: &&Job| other.header.as_ref().map_or(f64::INFINITY, |header| (header.start.seconds() - own.start.seconds()).abs());
     others.iter().filter(is_like).min_by(|a, b| distance(a).total_cmp(&distance(b)))
 }
 

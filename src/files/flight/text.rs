@@ -28,7 +28,8 @@ const fn field<'a>(name: &'a str, unit: &'static str, width: usize, decimals: Op
 }
 
 const UTC: Field<'static> = field("TIME_UTC", "N/A", 29, None, "UTC, seconds 60 within a leap second");
-const OBT: Field<'static> = field("TIME_OBT", "SECOND", 20, Some(9), "clock of the spacecraft, SI seconds since 2003-01-01T00:00:00 UTC");
+const OBT: Field<'static> =
+    field("TIME_OBT", "SECOND", 20, Some(9), "clock of the spacecraft, SI seconds since 2003-01-01T00:00:00 UTC");
 const POSITION: [Field<'static>; 3] = [
     field("POSITION_X", "KILOMETER", 18, Some(3), "position in the frame of the field"),
     field("POSITION_Y", "KILOMETER", 18, Some(3), "position in the frame of the field"),
@@ -218,7 +219,10 @@ fn label(table: &str, columns: &[&Field], records: usize, says: &[(String, Strin
             out,
             "  OBJECT = COLUMN\r\n    NAME = {}\r\n    DATA_TYPE = {kind}\r\n    START_BYTE = {begin}\r\n    BYTES = {}\r\n    UNIT = \"{}\"\r\n    \
              DESCRIPTION = \"{}\"\r\n  END_OBJECT = COLUMN\r\n",
-            column.name.to_uppercase(), column.width, column.unit, column.what
+            column.name.to_uppercase(),
+            column.width,
+            column.unit,
+            column.what
         );
         begin += column.width + 1;
     }

@@ -62,7 +62,9 @@ mod tests {
 
     #[test]
     fn decimals_are_those_that_were_written() {
-        for (value, expected) in [(0.0, 0), (1.5, 1), (0.0078, 4), (-54552.286058, 6), (0.1 + 0.2, 17), (3.0172792096032395, 16), (1e15, 0)] {
+        for (value, expected) in
+            [(0.0, 0), (1.5, 1), (0.0078, 4), (-54552.286058, 6), (0.1 + 0.2, 17), (3.0172792096032395, 16), (1e15, 0)]
+        {
             assert_eq!(decimals(std::iter::once(value)), expected, "{value}");
         }
         assert_eq!(decimals([1.0, 0.25, 7.5, f64::NAN].into_iter()), 2);
