@@ -334,7 +334,7 @@ impl Work<'_, '_> {
     /// Writes the protocol.
     fn write_protocol(&self, made: Made, options: &ThermalOptions, recorded: &RecordedOptions) -> Result<(), Finding> {
         let Made { measured, figures, across, coil, thermistors, ground, photos } = made;
-        let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(|run| Input::from(run)).collect();
+        let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(Input::from).collect();
         input.extend(self.campaign.input.clone());
         input.extend(thermistors.others.input);
         input.extend(photos.input);

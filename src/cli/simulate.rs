@@ -63,7 +63,7 @@ fn like(run: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal)
     };
     if let Some(linearity) = own.as_ref().and_then(|own| own.linearity.as_ref()) {
         let text = format!("the sensitivities are those of the linearity run {linearity}");
-        notes.push(Note::new(NoteKind::Method, text).about(&run.display().to_string()));
+        notes.push(Note::new(NoteKind::Method, text).about(run.display().to_string()));
     }
     let files = own.as_ref().map_or(arguments.parameters.as_slice(), |own| own.files.as_slice());
     let path = write_like(model.as_ref(), run, files, seed, &common.out, common.force, &mut notes)?;

@@ -33,7 +33,7 @@ pub fn own_parameters(run: &Path, model: Option<&Known>) -> Result<OwnParameters
     if let Some(job) = own.first() {
         publish(job, model, &desk)?;
         if job.header.as_ref().is_some_and(|header| header.kind == Kind::Offset) {
-            let whole = Campaign::open(&[job.campaign.root.clone()], &mut Vec::new())?;
+            let whole = Campaign::open(std::slice::from_ref(&job.campaign.root), &mut Vec::new())?;
             let (others, _) = jobs(&whole, Some(Kind::Linearity));
             if let Some(beside) = nearest(job, &others) {
                 publish(beside, model, &desk)?;
