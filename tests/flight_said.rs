@@ -1,7 +1,7 @@
 //! What flight processing says of itself holds: counts and conventions in the files, the result as JSON, what tables hold of a day, and
 //! what `check` finds before anything is made.
 
-use crate::common::check::{calfit, says, text};
+use crate::common::check::{calfit, data, says, text};
 use crate::flight::{Set, Small, three};
 use crate::flight_faults::{HEAD, PLAIN};
 use calfit::data::time::LeapSeconds;
@@ -324,4 +324,23 @@ fn positions_of_another_frame_are_refused() {
     assert_eq!(output.status.code(), Some(1));
     let words = "position.parquet: is of the frame CSEQ, the attitude of the configuration of ECLIPJ2000";
     says(&text(&output.stderr), &[words, "take positions of the same frame"]);
+}
+
+#[test]
+fn a_thermistor_of_another_sensor_is_refused_beside_the_files_of_one() {
+    let set = Set::of("telemetry");
+    let table = data("tests/data/rosetta/pt1000_table.csv");
+    set.change("ground/THERMISTOR__FM-IB.toml", "ground/THERMISTOR__pt1000_table.toml");
+    let of_sensor = |sensor: &str| {
+        let made = calfit()
+            .args(["thermistor", "--order", "3", "--no-plots", "--sensor", sensor, "-o"])
+            .arg(set.path("ground"))
+            .arg(&table)
+            .output()
+            .unwrap();
+        assert_eq!(made.status.code(), Some(0), "{}", text(&made.stderr));
+        text(&check(&set.path("flight.toml")).stderr)
+    };
+    says(&of_sensor("FM-OB"), &["THERMISTOR__pt1000_table.toml", "is of sensor FM-OB, the other files are of FM-IB"]);
+    assert!(!of_sensor("FM-IB").contains("the other files are of"));
 }
