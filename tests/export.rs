@@ -489,3 +489,45 @@ fn a_certificate_is_well_formed_and_states_twice_the_standard_uncertainty() {
     let output = export("csv", &[&cpf], &out, &["--campaign", campaign.to_str().unwrap()]);
     says(&text(&output.stderr), &["--campaign: changes nothing with --format csv"]);
 }
+
+/// A run of 22 settings of 2 s that begins ten seconds before midnight.
+fn over_midnight(case: &Case) {
+    let run = common::good().named("13-04-03_23-59-50").key("start", "\"2013-04-03T23:59:50Z\"");
+    case.put("13-04-03/23-59-50.CCR", run.text());
+}
+
+#[test]
+fn a_certificate_ends_on_the_day_on_which_the_data_end() {
+    let case = Case::new();
+    over_midnight(&case);
+    let out = case.made("lin", &["lin"], &[&case.campaign()]);
+    let cpf = out.join("13-04-03_23-59-50/PARAMETER_LIN__13-04-03_23-59-50.CPF");
+    let certificate = case.path().join("certificate");
+    let output = calfit().args(["export", "--format", "dcc", "-o"]).arg(&certificate).arg(&cpf).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let xml = fs::read_to_string(certificate.join("PARAMETER_LIN__13-04-03_23-59-50.CPF.xml")).unwrap();
+    says(
+        &xml,
+        &[
+            "<dcc:beginPerformanceDate>2013-04-03</dcc:beginPerformanceDate>",
+            "<dcc:endPerformanceDate>2013-04-04</dcc:endPerformanceDate>",
+        ],
+    );
+}
+
+#[test]
+fn a_protocol_states_the_end_of_the_measurements_and_the_rows_that_are_used() {
+    let case = Case::new();
+    over_midnight(&case);
+    let door = "13-04-03_23-59-50#3=door opened";
+    let out = case.made("report", &["report", "--exclude", door], &[&case.campaign()]);
+    let report = fs::read_to_string(out.join("REPORT.md")).unwrap();
+    says(&report, &["from 2013-04-03T23:59:50Z to 2013-04-04T00:00:34Z", "| 21 of 22 |", "Rows of the runs"]);
+    let is_row = |line: &&str| line.contains("| 21 | 22 |");
+    says(report.lines().find(is_row).unwrap_or("no row"), &["13-04-03_23-59-50", "door opened"]);
+    // The input itself says when its data begin and end.
+    let cpf = parameters(&out.join("13-04-03_23-59-50/PARAMETER_LIN__13-04-03_23-59-50.CPF"));
+    let input = cpf["provenance"]["input"].as_array_of_tables().unwrap().get(0).unwrap();
+    assert_eq!(input["from"].as_str(), Some("2013-04-03T23:59:50Z"));
+    assert_eq!(input["until"].as_str(), Some("2013-04-04T00:00:34Z"));
+}

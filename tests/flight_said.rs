@@ -1,7 +1,7 @@
 //! What flight processing says of itself holds: counts and conventions in the files, the result as JSON, what tables hold of a day, and
 //! what `check` finds before anything is made.
 
-use crate::common::check::{calfit, says, text};
+use crate::common::check::{calfit, data, says, text};
 use crate::flight::{Set, Small, three};
 use crate::flight_faults::{HEAD, PLAIN};
 use calfit::data::time::LeapSeconds;
@@ -72,7 +72,20 @@ fn text_tables_are_made_of_what_both_sensors_share_as_well() {
         assert!(!label.contains("ua ") && !label.contains("uc "), "{label}");
         says(&label, &["NOTE = \"the table has no uncertainties\""]);
     }
-    says(&text(&output.stdout), &["the housekeeping has no text table"]);
+    // Housekeeping is a table as well, with temperatures in kelvin.
+    let folder = set.out().join(format!("level=HK/date={day}"));
+    let table = SeriesTable::open(&folder.join("calfit-HK-20150701.parquet")).unwrap();
+    let lines = fs::read_to_string(folder.join("RPCMAG_150701_CLA_HK.TAB")).unwrap();
+    assert_eq!(lines.lines().count(), table.rows());
+    let degc = table.numbers("t_ob").unwrap();
+    // Behind TIME_UTC and TIME_OBT, where the Parquet file has three columns of time.
+    let place = table.names().iter().position(|name| name == "t_ob").unwrap() - 1;
+    for (line, degc) in lines.lines().zip(&degc) {
+        let cell: f64 = line.split_whitespace().nth(place).unwrap().parse().unwrap();
+        assert!((cell - 273.15 - degc).abs() < 6e-4, "{line} {degc}");
+    }
+    let label = fs::read_to_string(folder.join("RPCMAG_150701_CLA_HK.LBL")).unwrap();
+    says(&label, &["NAME = T_OB", "UNIT = \"KELVIN\"", &format!("FILE_RECORDS = {}", table.rows())]);
 }
 
 #[test]
@@ -151,6 +164,7 @@ fn the_first_pass_and_the_report_are_told_as_json() {
     assert_eq!(said["file"], file.display().to_string());
     let table = SeriesTable::open(&file).unwrap();
     let days = said["days"].as_array().unwrap();
+    let modes = table.words("modes").unwrap();
     assert_eq!(days.len(), table.rows());
     assert!(days.len() >= 4 && said["unknown"].as_array().unwrap().is_empty(), "{said}");
     let (first, sums) = (table.whole("first_tt2000").unwrap(), table.numbers("s_y_nt").unwrap());
@@ -158,6 +172,9 @@ fn the_first_pass_and_the_report_are_told_as_json() {
     let dates = table.utc("date", &leap).unwrap();
     for (row, day) in days.iter().enumerate() {
         assert_eq!((day["first_tt2000"].as_i64(), day["continuity_nt"][1].as_f64()), (Some(first[row]), Some(sums[row])));
+        let own: Vec<&str> = modes.words[modes.codes[row] as usize].split(' ').collect();
+        assert_eq!(serde_json::json!(own), day["modes"]);
+        assert!(own.iter().all(|sid| sid.starts_with("SID")), "{own:?}");
         assert!(leap.utc(dates[row]).to_string().starts_with(&format!("{}T00:00:00", day["day"].as_str().unwrap())));
     }
     let said = run("report", &set.out());
@@ -181,6 +198,14 @@ fn what_tables_hold_of_a_day_is_told() {
     says(position["from"].as_str().unwrap(), &["2015-06-29T00:00:00"]);
     says(position["to"].as_str().unwrap(), &["2015-06-29T01:00:00"]);
     assert_eq!(table("attitude")["covered"], 1.0);
+    // Every gap that the flags count is placed, the longest one first.
+    let counted =
+        day["flags"].as_object().unwrap().iter().find(|(words, _)| words.contains("gap")).map_or(0, |(_, n)| n.as_u64().unwrap());
+    let gaps = day["gaps"].as_array().unwrap();
+    let lengths: Vec<f64> = gaps.iter().map(|gap| gap["seconds"].as_f64().unwrap()).collect();
+    assert!(gaps.len() as u64 <= counted && gaps.len() as u64 + 1 >= counted.min(100), "{counted} {gaps:?}");
+    assert!(lengths.windows(2).all(|pair| pair[0] >= pair[1]));
+    assert!(gaps.iter().all(|gap| gap["from"].as_str() < gap["to"].as_str()));
     assert_eq!(table("rotation")["covered"], 1.0);
     assert_eq!(table("daily")["covered"], 1.0);
     says(&text(&inspect(&[]).stdout), &["attitude 100.0 %", "position 0.0 % (2015-06-29T00:00:00"]);
@@ -299,4 +324,23 @@ fn positions_of_another_frame_are_refused() {
     assert_eq!(output.status.code(), Some(1));
     let words = "position.parquet: is of the frame CSEQ, the attitude of the configuration of ECLIPJ2000";
     says(&text(&output.stderr), &[words, "take positions of the same frame"]);
+}
+
+#[test]
+fn a_thermistor_of_another_sensor_is_refused_beside_the_files_of_one() {
+    let set = Set::of("telemetry");
+    let table = data("tests/data/rosetta/pt1000_table.csv");
+    set.change("ground/THERMISTOR__FM-IB.toml", "ground/THERMISTOR__pt1000_table.toml");
+    let of_sensor = |sensor: &str| {
+        let made = calfit()
+            .args(["thermistor", "--order", "3", "--no-plots", "--sensor", sensor, "-o"])
+            .arg(set.path("ground"))
+            .arg(&table)
+            .output()
+            .unwrap();
+        assert_eq!(made.status.code(), Some(0), "{}", text(&made.stderr));
+        text(&check(&set.path("flight.toml")).stderr)
+    };
+    says(&of_sensor("FM-OB"), &["THERMISTOR__pt1000_table.toml", "is of sensor FM-OB, the other files are of FM-IB"]);
+    assert!(!of_sensor("FM-IB").contains("the other files are of"));
 }

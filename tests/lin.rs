@@ -359,8 +359,7 @@ fn an_offset_that_moves_within_the_run_is_told_with_its_size() {
 #[test]
 fn a_parameter_file_reads_back_to_the_last_bit_and_notices_changes() {
     let (run, result) = fit(&repository("runs/sample/26-01-15/09-00-00.CCR"), &Options::default());
-    let provenance =
-        calfit::data::provenance::Provenance::new(calfit::data::recipe::Recipe::plain("lin"), vec![(&run.input).into()]);
+    let provenance = calfit::data::provenance::Provenance::new(calfit::data::recipe::Recipe::plain("lin"), vec![(&run).into()]);
     let text = parameter::to_text(&result.parameters(), &provenance).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.CPF");

@@ -7,6 +7,7 @@ mod common;
 mod apply;
 mod browser;
 mod coil;
+mod contract_keys;
 mod diagnose;
 mod diagnose_across;
 mod diagnose_freq;

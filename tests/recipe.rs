@@ -147,7 +147,7 @@ proptest! {
         };
         round("thermal", groups, reading.clone(), &[Role::Facility, Role::Linearisation, Role::Model, Role::Centre, Role::OffCentre, Role::Offset]);
         let signal = signal.map(|volt| if volt { Signal::Voltage } else { Signal::Resistance });
-        let polynomial = thermistor::Options { order: trend_order, signal, divider, compare, within_degc };
+        let polynomial = thermistor::Options { order: trend_order, signal, divider, compare, within_degc, sensor: name.clone() };
         round("thermistor", polynomial, Reading::default(), &[Role::Reference]);
         round("coil scalar", scalar::Options { rack_channel: name.clone() }, reading.clone(), &[]);
         round("coil residual", std::collections::BTreeMap::<String, f64>::new(), reading.clone(), &[]);

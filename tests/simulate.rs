@@ -533,12 +533,14 @@ fn a_measured_run_is_simulated_from_its_parameter_files() {
     let counters = |path: &Path| Table::read(path).column("@VECTORS", "n");
     assert_eq!(counters(&measured), counters(&simulated));
     assert!(counters(&measured).windows(2).any(|pair| pair[1] > pair[0] + 1.0));
-    // Another run's parameters, none at all, and the folder of the measurement itself.
+    // Without files those of the run itself are taken.
+    run("simulate", &[Path::new("--like"), &measured, Path::new("-o"), &path("alone")]);
+    assert_eq!(fs::read(path("alone/26-01-02/10-00-00.CCR")).unwrap(), fs::read(&simulated).unwrap());
+    // The folder of the measurement itself.
     let fails = |arguments: &[&Path], words: &str| {
         let output = calfit().args(["simulate", "--like"]).args(arguments).output().unwrap();
         assert!(!output.status.success() && text(&output.stderr).contains(words), "{}", text(&output.stderr));
     };
-    fails(&[&measured, Path::new("-o"), &path("like")], "needs a CPF");
     let own = [&measured, Path::new("--parameters"), &cpf("first"), Path::new("-o"), &path("campaign")];
     fails(&own, "holds the measured run");
 }

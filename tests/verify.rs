@@ -162,3 +162,31 @@ fn a_table_of_amplitudes_and_thermal_files_from_parameter_files_are_verified() {
     assert_eq!(status, Some(0), "{said}");
     says(&said, &["3 inputs unchanged"]);
 }
+
+#[test]
+fn a_group_of_runs_and_files_without_one_of_the_files_is_verified() {
+    let case = Case::new();
+    campaign::write(&case);
+    let files = case.path().join("files");
+    fs::create_dir_all(&files).unwrap();
+    for index in [0, 1] {
+        let id = campaign::id(8, index);
+        let file = case.campaign().join(format!("{}.CCR", id.replace('_', "/")));
+        let out = case.made("alone", &["lin"], &[&file]);
+        let name = format!("PARAMETER_LIN__{id}.CPF");
+        fs::copy(out.join(&id).join(&name), files.join(&name)).unwrap();
+    }
+    for day in ["13-04-03", "13-04-04"] {
+        fs::remove_dir_all(case.campaign().join(day)).unwrap();
+    }
+    let left_out = format!("{}=door opened", campaign::id(8, 0));
+    let out = case.made("thermal", &["thermal", "--exclude", &left_out], &[&case.campaign(), &files]);
+    let tpf = out.join(format!("THERMAL_PARAMETER__{}.TPF", campaign::id(8, 1).replace('_', "-")));
+    let used = check::parameters(&tpf)["used"].as_array().unwrap().len();
+    assert_eq!(used, 3);
+    let (status, said) = verify(&[&out, &case.campaign(), &files]);
+    assert!(said.contains("THERMAL_PARAMETER__") && said.contains("verified"), "{said}");
+    // The files named beside it have inputs that are gone.
+    let of_group: Vec<&str> = said.lines().filter(|line| line.contains("/thermal/") && line.contains("error")).collect();
+    assert!(of_group.is_empty(), "{status:?} {said}");
+}

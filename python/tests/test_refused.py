@@ -169,6 +169,11 @@ def test_what_is_missing_is_told_when_it_is_needed(tmp_path):
     p = calfit.read(tpf, part)
     assert "b_off_x" in p.values and p.offset is None
     refused(lambda: p.apply(*RAW, 5.0), "PART.TOF", "b_off_y", "is missing")
+    # Files have nan for a component that was not determined.
+    unknown = make.changed(make.changed(make.tof(), "b_off_y", [np.nan]), "covariance.b_off_y", [[np.nan]])
+    p = calfit.read(tpf, make.put(tmp_path, "NAN.TOF", unknown))
+    assert "b_off_x" in p.values and "b_off_y" not in p.values and p.offset is None
+    refused(lambda: p.apply(*RAW, 5.0), "NAN.TOF", "b_off_y", "is missing")
     tcf = make.tcf() | {"apply": make.apply("rosetta", None)}
     p = calfit.read(make.put(tmp_path, "A.TCF", tcf))
     refused(lambda: p.apply(*RAW, 5.0), "A.TCF", "apply.offset", "has no offset")

@@ -219,8 +219,8 @@ fn check(path: &Path, common: &Common, readings: &mut Option<u64>) -> (Vec<Findi
 fn check_toml(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
     let text = small_text(path).unwrap_or_default();
     let is_campaign = path.file_name().is_some_and(|name| name == "campaign.toml");
-    if !is_campaign && twin::telemetry::is_telemetry(path)? {
-        twin::telemetry::read(path, findings).map(drop)
+    if !is_campaign && is_telemetry(path)? {
+        check_telemetry(path, findings)
     } else if is_flight(path) {
         findings.extend(check_flight(path));
         Ok(())
@@ -231,7 +231,7 @@ fn check_toml(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
     } else if is_twin(&text) {
         twin::read(path, findings).map(drop)
     } else if facility::is_facility(&text) {
-        facility::read(path).map(drop)
+        facility::read(path, findings).map(drop)
     } else if !is_campaign {
         let shown = path.display().to_string();
         let keys = Keys::parse(&shown, 1, text)?;
@@ -286,6 +286,26 @@ fn check_day_of_flight(path: &Path) -> Result<(), Finding> {
 
 #[cfg(not(feature = "tables"))]
 fn check_day_of_flight(_path: &Path) -> Result<(), Finding> {
+    Ok(())
+}
+
+#[cfg(feature = "tables")]
+fn is_telemetry(path: &Path) -> Result<bool, Finding> {
+    twin::telemetry::is_telemetry(path)
+}
+
+#[cfg(feature = "tables")]
+fn check_telemetry(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
+    twin::telemetry::read(path, findings).map(drop)
+}
+
+#[cfg(not(feature = "tables"))]
+fn is_telemetry(_path: &Path) -> Result<bool, Finding> {
+    Ok(false)
+}
+
+#[cfg(not(feature = "tables"))]
+fn check_telemetry(_path: &Path, _findings: &mut Vec<Finding>) -> Result<(), Finding> {
     Ok(())
 }
 

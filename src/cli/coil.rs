@@ -10,10 +10,10 @@ use crate::files::parameter::{Cpf, is_named};
 use crate::measure::coil::{scalar, tilt};
 use crate::measure::lin;
 use crate::workflow::{
-    CoilMade, CoilResult, Desk, Failure, Job, TiltInput, coil_runs, facility, publish_coil, residual_of, residual_of_table,
-    scalar_of,
+    CoilMade, CoilResult, Desk, Failure, Job, TiltInput, coil_runs, publish_coil, residual_of, residual_of_table, scalar_of,
 };
 use clap::{Args, Subcommand};
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 #[derive(Args, Debug)]
@@ -78,6 +78,9 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
             let options = scalar::Options { rack_channel: own.rack_channel.clone() };
             let campaigns = open(&own.paths, common, terminal)?;
             let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
+            if jobs.is_empty() {
+                return nothing(common, terminal);
+            }
             let (desk, mut failures) = (common.desk(), Vec::new());
             let made = scalar_of(coil_runs(&jobs, &desk, &mut failures), &options, &desk).transpose();
             finish(made, failures, &recorded(&jobs), jobs.len(), common, terminal)
@@ -103,6 +106,9 @@ fn residual_field(own: &ResidualArguments, common: &Common, terminal: &Terminal)
     }
     let campaigns = open(&own.paths, common, terminal)?;
     let jobs = jobs_of(&campaigns, &own.paths, Kind::Scalar, terminal)?;
+    if jobs.is_empty() {
+        return nothing(common, terminal);
+    }
     let mut failures = Vec::new();
     let made = residual_of(coil_runs(&jobs, &desk, &mut failures), &desk).transpose();
     finish(made, failures, &recorded(&jobs), jobs.len(), common, terminal)
@@ -113,7 +119,7 @@ fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Re
     common.results.accept_tables(others.iter().filter(|path| Format::Csv.is_of(path)))?;
     common.results.places(&own.facility);
     common.results.accept_files(&cpfs)?;
-    let facility = facility(own.facility.as_ref())?;
+    let facility = terminal.facility(own.facility.as_ref())?;
     let mut input = TiltInput::default();
     let mut failures = Vec::new();
     let mut campaign_paths = Vec::new();
@@ -133,6 +139,9 @@ fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Re
     let campaigns = if campaign_paths.is_empty() { Vec::new() } else { open(&campaign_paths, common, terminal)? };
     if !campaigns.is_empty() {
         let jobs = jobs_of(&campaigns, &campaign_paths, Kind::Linearity, terminal)?;
+        if jobs.is_empty() && campaign_paths.len() == own.paths.len() {
+            return nothing(common, terminal);
+        }
         runs = recorded(&jobs);
         let options = lin::Options { facility: facility.clone(), ..lin::Options::default() };
         input.runs(&jobs, &options, &Desk { plots: false, ..common.desk() }, &mut failures);
@@ -140,6 +149,15 @@ fn orientations(own: &TiltArguments, common: &Common, terminal: &Terminal) -> Re
     let options = tilt::Options { sensor: own.sensor.clone(), keep_all: own.keep_all };
     let made = input.solve(facility.as_ref(), &options);
     finish(Some(made), failures, &runs, own.paths.len(), common, terminal)
+}
+
+/// The end of an analysis that does not apply to the campaigns: there is no run, and nothing failed.
+fn nothing(common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
+    if common.json {
+        let none: [(); 0] = [];
+        terminal.print(&json(&BTreeMap::from([("runs", none), ("failed", none)]))?);
+    }
+    Ok(Status::Done)
 }
 
 /// The paths of runs inside their campaigns.

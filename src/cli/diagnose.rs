@@ -13,8 +13,8 @@ use crate::files::parameter::{Cpf, is_named};
 #[cfg(feature = "tables")]
 use crate::workflow::flight::{DifferenceOptions, diagnose_flight};
 use crate::workflow::{
-    Across, Diagnosed, DiagnosedWith, Failure, diagnose_run, diagnose_table, each, facility, jobs, publish_diagnosis,
-    publish_model, read_model, temperature,
+    Across, Diagnosed, DiagnosedWith, Failure, diagnose_run, diagnose_table, each, jobs, publish_diagnosis, publish_model,
+    read_model, temperature,
 };
 use clap::Args;
 use jiff::civil::Date;
@@ -94,7 +94,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     };
     let (given, known) = arguments.model.as_ref().map(|path| read_model(path)).transpose()?.unzip();
     let with = DiagnosedWith {
-        facility: facility(arguments.facility.as_ref())?,
+        facility: terminal.facility(arguments.facility.as_ref())?,
         temperature: temperature(arguments.temperature.as_ref())?,
         model: known,
     };

@@ -12,7 +12,7 @@ use crate::files::campaign::Campaign;
 use crate::files::flight::is_mission;
 use crate::flight::made::DayMade;
 use crate::workflow::flight::{
-    Carry, CarryRow, Covered, DailyOptions, DayFailed, Flight, FlightMade, FlightOptions, Inspected, Levels, day_name,
+    Carry, CarryRow, Covered, DailyOptions, DayFailed, Flight, FlightMade, FlightOptions, Gap, Inspected, Levels, day_name,
     make_carry, make_daily, make_report,
 };
 use clap::Args;
@@ -202,6 +202,7 @@ struct CarryDay<'a> {
     t_last_degc: f64,
     /// As in the day table of `calfit flight`.
     continuity_nt: [f64; 3],
+    modes: Vec<&'a str>,
     reset: bool,
 }
 
@@ -223,6 +224,7 @@ impl<'a> CarryShown<'a> {
             t_first_degc: row.degc[0],
             t_last_degc: row.degc[1],
             continuity_nt: row.continuity.sum_nt,
+            modes: row.modes.split(' ').filter(|sid| !sid.is_empty()).collect(),
             reset: row.continuity.joined.is_none(),
         };
         let unknown = carry.unknown.iter().map(|((sensor, day), reason)| UnknownDay { sensor, day: day_name(*day), reason });
@@ -306,16 +308,23 @@ pub(super) fn inspect(path: &Path, common: &Common, terminal: &Terminal) -> Resu
     if common.json {
         terminal.print(&json(&days)?);
     } else {
-        for Inspected { day, tables } in &days {
+        for Inspected { day, tables, gaps } in &days {
             let modes: Vec<String> = day.modes.iter().map(|(mode, count)| format!("{count} {mode}")).collect();
             let degc = day.degc.map_or(String::new(), |[low, high]| format!("; {low:.1} to {high:.1} °C"));
             let tables = tables.iter().map(covered).collect::<Vec<_>>().join(", ");
             let tables = if tables.is_empty() { tables } else { format!("\n  tables: {tables}") };
-            terminal.print(&format!("{}\n  modes: {}{degc}{tables}\n", found(day), modes.join(", ")));
+            let gap = |gap: &Gap| format!("{:.1} s from {}", gap.seconds, gap.from);
+            let more = if gaps.len() > MOST_GAPS { ", ..." } else { "" };
+            let gaps = gaps.iter().take(MOST_GAPS).map(gap).collect::<Vec<_>>().join(", ");
+            let gaps = if gaps.is_empty() { gaps } else { format!("\n  longest gaps: {gaps}{more}") };
+            terminal.print(&format!("{}\n  modes: {}{degc}{gaps}{tables}\n", found(day), modes.join(", ")));
         }
     }
     Ok(if findings.iter().any(|f| f.severity == Severity::Error) { Status::Partly } else { Status::Done })
 }
+
+/// Gaps of a day that are named.
+const MOST_GAPS: usize = 3;
 
 /// How much of a day a table holds, in words; with its ends where that is not all of it.
 fn covered(table: &Covered) -> String {

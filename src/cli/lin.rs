@@ -9,7 +9,7 @@ use crate::files::output::Folder;
 use crate::files::parameter::{Body, LinearisationFile};
 use crate::measure::lin::Options;
 use crate::workflow::{
-    Failure, First, PerRun, RunResult, by_sensor_and_mode, each, facility, known, linearisation, linearise_group, make, publish,
+    Failure, First, PerRun, RunResult, by_sensor_and_mode, each, known, linearisation, linearise_group, make, publish,
     table_names, temperature,
 };
 use clap::Args;
@@ -42,7 +42,7 @@ pub(super) struct Arguments {
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let corrections = arguments.corrections.facility.iter().chain(&arguments.corrections.model);
     common.results.places(corrections.chain(&arguments.temperature).chain(&arguments.linear.linearisation));
-    let options = arguments.options(common)?;
+    let options = arguments.options(common, terminal)?;
     if arguments.linearise.linearise {
         linearise(&options, &arguments.paths, &arguments.excluding, common, terminal)
     } else {
@@ -51,7 +51,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 }
 
 impl Arguments {
-    fn options(&self, common: &Common) -> Result<Options, Finding> {
+    fn options(&self, common: &Common, terminal: &Terminal) -> Result<Options, Finding> {
         Ok(Options {
             trend_order: self.order.map(usize::from),
             max_field_nt: self.linear.max_field_nt(),
@@ -59,7 +59,7 @@ impl Arguments {
             cut: self.cut.into(),
             allow_gain: common.allows(Allow::Gain),
             allow_mismatch: common.allows(Allow::Mismatch),
-            facility: facility(self.corrections.facility.as_ref())?,
+            facility: terminal.facility(self.corrections.facility.as_ref())?,
             linearisation: linearisation(self.linear.linearisation.as_ref())?,
             model: known(self.corrections.model.as_ref())?,
             temperature: temperature(self.temperature.as_ref())?,

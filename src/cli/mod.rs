@@ -26,7 +26,7 @@ mod thermal;
 mod thermistor;
 mod verify;
 
-use crate::data::error::Finding;
+use crate::data::error::{Finding, Severity};
 use crate::data::index::INDEX_FILE;
 use crate::data::run::Kind;
 use crate::data::run_state::{Outcome, RunState};
@@ -349,7 +349,7 @@ fn dispatch(cli: Cli, terminal: &Terminal) -> Result<Status, Finding> {
         Command::Check(arguments) => check::run(&arguments, &cli.common, terminal),
         Command::Verify(arguments) => verify::run(&arguments, &cli.common, terminal),
         Command::Completions(arguments) => shell::completions(&arguments, terminal),
-        Command::Man(arguments) => shell::manual(&arguments),
+        Command::Man(arguments) => shell::manual(&arguments, &cli.common, terminal),
     }
 }
 
@@ -366,15 +366,27 @@ fn open_without(
     common: &Common,
     terminal: &Terminal,
 ) -> Result<Vec<Campaign>, Finding> {
+    open_beside_files(paths, excluding, excluding, common, terminal)
+}
+
+/// The same, where some of what is left out may be of parameter files beside the runs; `of_runs` must be among the runs.
+fn open_beside_files(
+    paths: &[PathBuf],
+    excluding: &Excluding,
+    of_runs: &Excluding,
+    common: &Common,
+    terminal: &Terminal,
+) -> Result<Vec<Campaign>, Finding> {
     let mut findings = Vec::new();
     let campaigns = Campaign::open_without(paths, &excluding.exclude, &mut findings)?;
     findings.iter().for_each(|f| terminal.finding(f));
-    excluding.check(&campaigns)?;
+    of_runs.check(&campaigns)?;
     common.results.accept(&campaigns)?;
     Ok(campaigns)
 }
 
-/// The runs of a kind in the campaigns of some paths; there must be one.
+/// The runs of a kind in the campaigns of some paths. A campaign without such a run is one to which the analysis does not apply: that is
+/// told, and is no failure. Runs that `campaign.toml` names must be there.
 fn jobs_of<'a>(campaigns: &'a [Campaign], paths: &[PathBuf], kind: Kind, terminal: &Terminal) -> Result<Vec<Job<'a>>, Finding> {
     let (jobs, unmatched) = jobs(campaigns, Some(kind));
     terminal.unmatched(&unmatched);
@@ -382,16 +394,21 @@ fn jobs_of<'a>(campaigns: &'a [Campaign], paths: &[PathBuf], kind: Kind, termina
         let shown: Vec<String> = paths.iter().map(|p| p.display().to_string()).collect();
         let listed = CampaignFile::ANALYSES.into_iter().find(|(_, listed)| *listed == kind);
         let listed = listed.filter(|_| campaigns.iter().any(|c| c.file.runs.iter().any(|(of, _)| *of == kind)));
-        let (rule, remedy) = match listed {
-            Some((group, _)) => {
-                let rule = format!("holds no {kind} run that `runs` of [{group}] in campaign.toml names");
-                (rule, "correct the ids there, or take the list out; `calfit inspect` lists the runs")
-            }
-            None => (format!("holds no {kind} run"), "list the runs with `calfit inspect`"),
-        };
-        return Err(Finding::error(&shown.join(", "), rule, remedy));
+        let shown = shown.join(", ");
+        if let Some((group, _)) = listed {
+            let rule = format!("holds no {kind} run that `runs` of [{group}] in campaign.toml names");
+            let remedy = "correct the ids there, or take the list out; `calfit inspect` lists the runs";
+            return Err(Finding::error(&shown, rule, remedy));
+        }
+        terminal.finding(&does_not_apply(&shown, &kind.to_string()));
     }
     Ok(jobs)
+}
+
+/// What is told of a campaign that holds no run of the kinds that an analysis takes.
+fn does_not_apply(campaigns: &str, kinds: &str) -> Finding {
+    let rule = format!("holds no {kinds} run, so that the analysis does not apply to it");
+    Finding::error(campaigns, rule, "list the runs with `calfit inspect`").weighing(Severity::Warning)
 }
 
 /// The outcome of a run without a result.

@@ -5,7 +5,7 @@ use super::output::Terminal;
 use super::{Allow, Common, Status, each};
 use crate::data::error::Finding;
 use crate::measure::offset::Options;
-use crate::workflow::{facility, known, sensitivities};
+use crate::workflow::{known, sensitivities};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -35,7 +35,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         cut: arguments.cut.into(),
         allow_mismatch: common.allows(Allow::Mismatch),
         cpf: sensitivities(arguments.cpf.as_ref())?,
-        facility: facility(arguments.facility.as_ref())?,
+        facility: terminal.facility(arguments.facility.as_ref())?,
         model: known(arguments.model.as_ref())?,
     };
     each::run(&options, &arguments.paths, &arguments.excluding, common, terminal)

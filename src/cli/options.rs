@@ -1,5 +1,6 @@
 //! Options that several commands share, and their values.
 
+use super::output::Terminal;
 use super::{Allow, Common};
 use crate::data::error::Finding;
 use crate::data::exclusion::{ExcludedPart, Exclusion};
@@ -11,7 +12,7 @@ use crate::files::campaign::{Campaign, RunFile};
 use crate::files::ccr;
 use crate::measure::sweep::{self, LagChoice, Window};
 use crate::model::campaign::{MOST_THERMAL_ORDER, THERMAL_QUANTITIES};
-use crate::workflow::{Job, Results, ThermalOptions, facility, known, linearisation};
+use crate::workflow::{Job, Results, ThermalOptions, known, linearisation};
 use clap::Args;
 use serde::Serialize;
 use std::path::PathBuf;
@@ -114,7 +115,7 @@ impl Runs {
     }
 
     /// How the runs are analysed and compared across temperatures.
-    pub fn options(&self, joint: bool, common: &Common) -> Result<ThermalOptions, Finding> {
+    pub fn options(&self, joint: bool, common: &Common, terminal: &Terminal) -> Result<ThermalOptions, Finding> {
         let mut options = ThermalOptions {
             joint,
             max_field_nt: self.linear.max_field_nt(),
@@ -122,7 +123,7 @@ impl Runs {
             cut: self.cut.into(),
             allow_gain: common.allows(Allow::Gain),
             allow_mismatch: common.allows(Allow::Mismatch),
-            facility: facility(self.corrections.facility.as_ref())?,
+            facility: terminal.facility(self.corrections.facility.as_ref())?,
             linearisation: linearisation(self.linear.linearisation.as_ref())?,
             model: known(self.corrections.model.as_ref())?,
             ..ThermalOptions::default()

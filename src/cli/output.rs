@@ -4,10 +4,13 @@ use super::Status;
 use crate::data::error::{Finding, Severity};
 use crate::data::plain;
 use crate::data::provenance::Provenance;
+use crate::model::facility::Facility;
+use crate::workflow::facility;
 use clap::ColorChoice;
 use indicatif::{ProgressBar, ProgressStyle};
 use std::cell::{Cell, RefCell};
 use std::io::{self, Write};
+use std::path::PathBuf;
 
 /// Standard output or standard error of the program.
 pub struct Output<'a> {
@@ -103,6 +106,17 @@ impl<'a> Terminal<'a> {
         if !self.quiet {
             self.line("warning", "33;1", text);
         }
+    }
+
+    /// The facility of an option, with what its file is warned about.
+    ///
+    /// # Errors
+    /// The file is no facility.
+    pub fn facility(&self, path: Option<&PathBuf>) -> Result<Option<Facility>, Finding> {
+        let mut findings = Vec::new();
+        let read = facility(path, &mut findings);
+        findings.iter().for_each(|f| self.finding(f));
+        read
     }
 
     /// Entries of `campaign.toml` and options that go with no run.

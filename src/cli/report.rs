@@ -79,7 +79,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let (jobs, excluded) = without_excluded(all, &common.results);
     room_for(&arguments.campaign, MEMORY_PER_RUN.saturating_mul(jobs.len() as u64))?;
     common.results.places(arguments.runs.files());
-    let options = arguments.runs.options(true, common)?;
+    let options = arguments.runs.options(true, common, terminal)?;
     let desk = common.desk_without(&arguments.excluding);
     let mut work = Work { campaign, desk, common, terminal, excluded, refused: Vec::new(), failures: Vec::new() };
 
@@ -334,7 +334,7 @@ impl Work<'_, '_> {
     /// Writes the protocol.
     fn write_protocol(&self, made: Made, options: &ThermalOptions, recorded: &RecordedOptions) -> Result<(), Finding> {
         let Made { measured, figures, across, coil, thermistors, ground, photos } = made;
-        let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(|run| Input::from(&run.input)).collect();
+        let mut input: Vec<Input> = measured.iter().filter_map(Measured::run).map(Input::from).collect();
         input.extend(self.campaign.input.clone());
         input.extend(thermistors.others.input);
         input.extend(photos.input);

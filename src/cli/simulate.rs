@@ -3,13 +3,14 @@
 use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::Finding;
+use crate::data::note::{Note, NoteKind};
 use crate::data::units::counted;
 use crate::files::twin;
 use crate::simulate::like::write_like;
 #[cfg(feature = "tables")]
 use crate::simulate::telemetry::Telemetry;
 use crate::simulate::write_campaign_with;
-use crate::workflow::known;
+use crate::workflow::{known, own_parameters};
 use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -22,7 +23,8 @@ pub(super) struct Arguments {
     /// Simulate a measured run instead: the same programme and temperatures, readings from its parameter files.
     #[arg(long, value_name = "RUN")]
     like: Option<PathBuf>,
-    /// Parameter files for --like: the CPF of a linearity run, OPF and CPF of an offset run, the FPF of a frequency run.
+    /// Parameter files for --like: the CPF of a linearity run, OPF and CPF of an offset run, the FPF of a frequency run [default: those that the
+    /// run itself gives; for an offset run also that of the linearity run of its sensor and mode in the campaign that is nearest in time].
     #[arg(long, value_name = "FILE", requires = "like", num_args = 1..)]
     parameters: Vec<PathBuf>,
     /// Model file of `calfit diagnose --write-model`: its effects are added to the readings.
@@ -55,7 +57,16 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 fn like(run: &Path, arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
     let seed = arguments.seed.unwrap_or(1);
     let (model, mut notes) = (known(arguments.model.as_ref())?, Vec::new());
-    let path = write_like(model.as_ref(), run, &arguments.parameters, seed, &common.out, common.force, &mut notes)?;
+    let own = match arguments.parameters.is_empty() {
+        true => Some(own_parameters(run, model.as_ref())?),
+        false => None,
+    };
+    if let Some(linearity) = own.as_ref().and_then(|own| own.linearity.as_ref()) {
+        let text = format!("the sensitivities are those of the linearity run {linearity}");
+        notes.push(Note::new(NoteKind::Method, text).about(run.display().to_string()));
+    }
+    let files = own.as_ref().map_or(arguments.parameters.as_slice(), |own| own.files.as_slice());
+    let path = write_like(model.as_ref(), run, files, seed, &common.out, common.force, &mut notes)?;
     notes.iter().for_each(|w| terminal.warning(&w.to_string()));
     if common.json {
         terminal.print(&json(&Listing { seed, runs: vec![path] })?);

@@ -2,7 +2,7 @@
 
 use super::options::{Excluding, Order, Runs, Sweeping, refuse_given, without_excluded};
 use super::output::{Terminal, json};
-use super::{Common, Status, open_without, refused, report_failures, status};
+use super::{Common, Status, does_not_apply, open_beside_files, refused, report_failures, status};
 use crate::data::across::CalibratedRun;
 use crate::data::error::{Finding, Severity};
 use crate::data::note::{Note, NoteKind};
@@ -74,7 +74,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let named = arguments.centre.iter().chain(&arguments.off_centre).chain(&arguments.offset).chain(&polynomials);
     common.results.places(named.chain(arguments.runs.files()));
     common.results.accept_files(&files)?;
-    let options = arguments.runs.options(arguments.joint, common)?;
+    let options = arguments.runs.options(arguments.joint, common, terminal)?;
     let pair = pair(arguments, terminal)?;
     let mut failures: Vec<(String, Failure)> = Vec::new();
     let mut input = ThermalInput::default();
@@ -90,7 +90,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         missing.check(&[])?;
         Vec::new()
     } else {
-        open_without(&campaign_paths, &arguments.excluding, common, terminal)?
+        open_beside_files(&campaign_paths, &arguments.excluding, &missing, common, terminal)?
     };
     let desk = common.desk_without(&arguments.excluding);
     let (mut measured, total) =
@@ -143,11 +143,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     done.tell(&failures, common, terminal)?;
     if done.is_empty() && input.points().is_empty() && polynomials.is_empty() && failures.is_empty() {
         let shown: Vec<String> = arguments.paths.iter().map(|p| p.display().to_string()).collect();
-        return Err(Finding::error(
-            &shown.join(", "),
-            "holds no linearity, offset, frequency or sweep run",
-            "list the runs with `calfit inspect`",
-        ));
+        terminal.finding(&does_not_apply(&shown.join(", "), "linearity, offset, frequency or sweep"));
     }
     report_failures(terminal, &failures, total + files.len() + polynomials.len());
     // Runs at one temperature were read and judged.

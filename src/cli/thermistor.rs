@@ -34,6 +34,9 @@ pub(super) struct Arguments {
     /// Residual that the table asks for, degrees Celsius: the lowest order that reaches it is named.
     #[arg(long, value_name = "DEGC", default_value_t = WITHIN_DEGC, value_parser = positive)]
     within: f64,
+    /// Sensor in which the thermistor sits: files of another sensor are then refused beside it.
+    #[arg(long, value_name = "NAME")]
+    sensor: Option<String>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -76,6 +79,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
         divider: arguments.divider,
         compare: arguments.compare.as_ref().map(|c| c.0.clone()),
         within_degc: arguments.within,
+        sensor: arguments.sensor.clone(),
     };
     let mut findings = Vec::new();
     let made = thermistor_of(&arguments.table, arguments.reference.as_deref(), &options, &mut findings);

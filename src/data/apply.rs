@@ -19,6 +19,8 @@ pub enum ApplyStep {
     Rho,
     /// Times `R_nom`: from the nominal sensor frame to coil axes.
     RNom,
+    /// A polynomial is evaluated: in files that are not applied to readings of the field.
+    Evaluate,
 }
 
 /// Which offset a file takes off.
@@ -66,6 +68,9 @@ pub struct Apply {
     /// `Q` as a function of ξ, since not everyone has the reports.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub q_formula: Option<String>,
+    /// The polynomial of the step `evaluate`; absent without it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub formula: Option<String>,
     /// The offset; absent where the file has none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub offset: Option<OffsetApplied>,
@@ -85,6 +90,7 @@ impl Apply {
         (&self.steps, self.omega, &self.offset, &self.frame) == (&own.steps, own.omega, &own.offset, &own.frame)
             && same(&self.omega_formula, &own.omega_formula)
             && same(&self.q_formula, &own.q_formula)
+            && same(&self.formula, &own.formula)
     }
 
     /// Offset, σ and ω in a convention; the result stands in the sensor frame of that convention.
@@ -99,6 +105,7 @@ impl Apply {
             omega: Some(convention),
             omega_formula: Some(convention.formula().to_owned()),
             q_formula: Some(Q_FORMULA.to_owned()),
+            formula: None,
             offset: offset.map(OffsetApplied::before_the_matrix),
             frame: convention.sensor_frame().to_owned(),
         }
@@ -112,6 +119,7 @@ impl Apply {
             omega: None,
             omega_formula: None,
             q_formula: None,
+            formula: None,
             offset: Some(OffsetApplied::before_the_matrix(quantity)),
             frame: "along the sensor axes, before sigma and omega".to_owned(),
         }
@@ -125,6 +133,18 @@ impl Apply {
             offset: None,
             frame: "along the sensor axes, enT: the reading that offset, sigma and omega of a calibration with this linearisation take"
                 .to_owned(),
+            ..Self::offset_alone(OffsetQuantity::BOff)
+        }
+    }
+
+    /// A polynomial of what is no reading of the field, and what its value is.
+    #[must_use]
+    pub fn evaluated(formula: &str, value: &str) -> Self {
+        Self {
+            steps: vec![ApplyStep::Evaluate],
+            offset: None,
+            formula: Some(formula.to_owned()),
+            frame: value.to_owned(),
             ..Self::offset_alone(OffsetQuantity::BOff)
         }
     }

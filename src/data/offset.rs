@@ -37,6 +37,16 @@ impl OffsetValues {
         residual_coil_std_nt: [f64::NAN; 3],
         offset_degc: None,
     };
+
+    /// The standard uncertainties, type A.
+    #[must_use]
+    pub fn std(&self) -> OffsetStd {
+        OffsetStd {
+            offset_ent: self.offset_std_ent,
+            residual_ent: self.residual_std_ent,
+            residual_coil_nt: self.residual_coil_std_nt,
+        }
+    }
 }
 
 /// Standard uncertainties of offset and residual field. What is not determined is nan.
@@ -118,12 +128,7 @@ impl OffsetFound {
     /// The standard uncertainties that users of the values need: of both types where type B is stated.
     #[must_use]
     pub fn std_of_both(&self, values: &OffsetValues) -> OffsetStd {
-        let of_run = OffsetStd {
-            offset_ent: values.offset_std_ent,
-            residual_ent: values.residual_std_ent,
-            residual_coil_nt: values.residual_coil_std_nt,
-        };
-        self.of_facility.as_ref().map_or(of_run, |b| b.std_combined)
+        self.of_facility.as_ref().map_or_else(|| values.std(), |b| b.std_combined)
     }
 }
 

@@ -1,7 +1,8 @@
 //! Where a result comes from: tool, command, time, inputs with hashes.
 
 use crate::data::recipe::{Recipe, RecipeError};
-use crate::data::run::InputFile;
+use crate::data::run::Run;
+use crate::data::start::Start;
 use serde::{Deserialize, Serialize};
 
 /// What an input is for, where it is not what is analysed.
@@ -52,8 +53,8 @@ impl Role {
     }
 }
 
-/// One input of a result.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+/// One input of a result. Inputs are the same where the file is and what it is for.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
 pub struct Input {
     /// Path inside the campaign, with forward slashes.
     pub path: String,
@@ -64,6 +65,19 @@ pub struct Input {
     /// What it is for; absent for what is analysed, and in files that were made before there were recipes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub role: Option<Role>,
+    /// Of a run file: when its data begin; absent for other files, and in files from before it was told.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub from: Option<Start>,
+    /// When they end, to the second.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub until: Option<Start>,
+}
+
+impl PartialEq for Input {
+    fn eq(&self, other: &Self) -> bool {
+        let key = |own: &Self| (own.size_bytes, own.role);
+        key(self) == key(other) && self.path == other.path && self.sha256 == other.sha256
+    }
 }
 
 impl Input {
@@ -81,9 +95,17 @@ impl Input {
     }
 }
 
-impl From<&InputFile> for Input {
-    fn from(file: &InputFile) -> Self {
-        Self { path: file.path.clone(), size_bytes: file.size_bytes, sha256: file.sha256.clone(), role: None }
+impl From<&Run> for Input {
+    fn from(run: &Run) -> Self {
+        let (file, start) = (&run.input, &run.header.start);
+        Self {
+            path: file.path.clone(),
+            size_bytes: file.size_bytes,
+            sha256: file.sha256.clone(),
+            role: None,
+            from: Some(start.clone()),
+            until: Some(start.after(run.duration_s())),
+        }
     }
 }
 
@@ -111,11 +133,10 @@ impl Provenance {
     /// Provenance of a result made now.
     #[must_use]
     pub fn new(recipe: Recipe, input: Vec<Input>) -> Self {
-        let profile = if cfg!(debug_assertions) { "debug" } else { "release" };
         Self {
             tool: env!("CARGO_PKG_NAME").to_owned(),
             tool_version: env!("CARGO_PKG_VERSION").to_owned(),
-            build: format!("{}-{} {profile}", std::env::consts::ARCH, std::env::consts::OS),
+            build: build(),
             command: recipe.command(&input),
             created: created(),
             recipe: Some(recipe),
@@ -143,6 +164,14 @@ impl Provenance {
             None => Recipe::of_command(&self.command, &mut self.input),
         }
     }
+}
+
+/// Machine, profile and features for which the program was compiled, and the commit of its source where the build was told it.
+fn build() -> String {
+    let profile = if cfg!(debug_assertions) { "debug" } else { "release" };
+    let features = if cfg!(feature = "tables") { "" } else { ", without tables" };
+    let commit = option_env!("CALFIT_COMMIT").map_or_else(String::new, |commit| format!(", commit {commit}"));
+    format!("{}-{} {profile}{features}{commit}", std::env::consts::ARCH, std::env::consts::OS)
 }
 
 /// Now, or the time of `SOURCE_DATE_EPOCH`, to the second.

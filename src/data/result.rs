@@ -95,6 +95,38 @@ pub struct Dropped {
     pub reason: String,
 }
 
+/// How many rows of a run its result rests on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RowsUsed {
+    /// Rows used.
+    pub used: usize,
+    /// Rows in the run.
+    pub total: usize,
+    /// Why the others were not, with the number of rows for each reason.
+    pub rejected: Vec<(String, usize)>,
+}
+
+impl RowsUsed {
+    /// The rows that are not used, each with its reason.
+    #[must_use]
+    pub fn new(used: usize, total: usize, reasons: impl Iterator<Item = String>) -> Self {
+        let mut rejected: Vec<(String, usize)> = Vec::new();
+        for reason in reasons {
+            match rejected.iter_mut().find(|(own, _)| *own == reason) {
+                Some((_, count)) => *count += 1,
+                None => rejected.push((reason, 1)),
+            }
+        }
+        Self { used, total, rejected }
+    }
+
+    /// The same of settings.
+    #[must_use]
+    pub fn of_settings(used: usize, total: usize, dropped: &[Dropped]) -> Self {
+        Self::new(used, total, dropped.iter().map(|d| d.reason.clone()))
+    }
+}
+
 /// Smallest, mean and largest of a quantity per component.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Spread {
@@ -140,6 +172,13 @@ impl Covariance {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn rows_that_are_not_used_are_counted_by_their_reasons() {
+        let reasons = ["field beyond ±1900 nT on x", "by hand: door", "field beyond ±1900 nT on x"].map(str::to_owned);
+        let rows = RowsUsed::new(69, 72, reasons.into_iter());
+        assert_eq!(rows.rejected, [("field beyond ±1900 nT on x".to_owned(), 2), ("by hand: door".to_owned(), 1)]);
+    }
 
     #[test]
     fn values_of_a_run_that_moved_hold_about_its_mean_temperature() {

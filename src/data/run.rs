@@ -337,6 +337,14 @@ pub struct Run {
 }
 
 impl Run {
+    /// Time from its start to its last setting, mean or vector, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        let ends = self.settings.iter().map(|s| s.t_end_s).chain(self.blocks.iter().map(|b| b.setting.t_end_s));
+        let ends = ends.chain(self.scalar.iter().map(|s| s.t_s));
+        ends.chain(self.vectors.span_s.map(|s| s[1])).fold(0.0, f64::max)
+    }
+
     /// The readings of a slow channel as (s, value): that of the temperatures before another one of the same name.
     #[must_use]
     pub fn slow_channel(&self, name: &str) -> Option<Vec<(f64, f64)>> {

@@ -36,6 +36,12 @@ impl Start {
         self.moment.checked_add(later).map_or_else(|_| self.clone(), Start::from)
     }
 
+    /// Its day in UTC, YYYY-MM-DD.
+    #[must_use]
+    pub fn day(&self) -> String {
+        self.moment.strftime("%Y-%m-%d").to_string()
+    }
+
     /// The text that tells it.
     #[must_use]
     pub fn as_str(&self) -> &str {

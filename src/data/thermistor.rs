@@ -12,6 +12,9 @@ pub const HIGHEST_ORDER: usize = 9;
 pub struct ThermistorPolynomial {
     /// Name of the table without its end.
     pub table: String,
+    /// The sensor in which it sits; absent where that is not stated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensor: Option<String>,
     /// `u` or `r`.
     pub signal: String,
     /// `V` or `ohm`.

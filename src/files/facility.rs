@@ -4,7 +4,7 @@
 
 use super::parameter::{self, is_covariance, is_sound_table};
 use super::source::read_whole;
-use super::text::{Group, Keys, decode};
+use super::text::{Group, Keys, NEAREST, decode};
 use crate::data::error::Finding;
 use crate::data::note::{Note, NoteKind};
 use crate::data::provenance::Role;
@@ -21,21 +21,76 @@ pub fn is_facility(text: &str) -> bool {
     text.lines().any(key)
 }
 
-/// Reads a facility file.
+/// Keys that a facility has by itself, or in every period.
+const PART: [&str; 12] = [
+    "scale_nt_per_eu",
+    "offset_nt",
+    "angles_deg",
+    "scale_per_k",
+    "offset_nt_per_k",
+    "reference_degc",
+    "reference_temperature_degc",
+    "rack_scale_per_k",
+    "rack_offset_nt_per_k",
+    "rack_reference_degc",
+    "rack_reference_temperature_degc",
+    "covariance",
+];
+
+/// A warning for every key of a file of others that is not known. Tables of the laboratory beside the facility are its own, unless their
+/// name is nearly that of one that is known.
+fn unknown(root: &Group) -> Result<Vec<Finding>, Finding> {
+    let with = |further: &[&'static str]| [&PART, further].concat();
+    let known = with(&[
+        "facility",
+        "model",
+        "period",
+        "valid",
+        "undetermined",
+        "degrees_of_freedom",
+        "quality",
+        "warnings",
+        "warning_kinds",
+    ]);
+    let is_table = |name: &str| root.group(name).is_ok_and(|g| g.is_some()) || root.groups(name).is_ok_and(|g| !g.is_empty());
+    let names = root.names().into_iter().filter(|name| !known.contains(name));
+    let told = root.unknown(&known).into_iter().zip(names);
+    let mut findings: Vec<Finding> =
+        told.filter(|(finding, name)| !is_table(name) || finding.remedy.contains(NEAREST)).map(|(finding, _)| finding).collect();
+    let mut holders = vec![root.group("covariance")?];
+    for name in ["facility", "model"] {
+        if let Some(table) = root.group(name)? {
+            findings.extend(table.unknown(&PART));
+            holders.push(table.group("covariance")?);
+        }
+    }
+    for period in root.groups("period")? {
+        findings.extend(period.unknown(&with(&["from", "to"])));
+        holders.push(period.group("covariance")?);
+    }
+    findings.extend(holders.into_iter().flatten().flat_map(|table| table.unknown(&["parameters", "units", "matrix"])));
+    if let Some(valid) = root.group("valid")? {
+        findings.extend(valid.unknown(&["coil_degc", "rack_degc"]));
+    }
+    Ok(findings)
+}
+
+/// Reads a facility file. Keys of a file of others that are not known go to `findings` as warnings.
 ///
 /// # Errors
 /// Not TOML, a missing key, values that no coil system has, or a file of this program that was changed.
-pub fn read(path: &Path) -> Result<Facility, Finding> {
+pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<Facility, Finding> {
     let (bytes, digested) = read_whole(path)?;
     let shown = path.display().to_string();
     let text = decode(&bytes).into_owned();
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let mut notes = Vec::new();
-    if text.lines().any(|l| l.starts_with("content_sha256 = ")) {
-        // A file of this program carries its hash.
-        notes = parameter::read_any(path)?.told.with_values_of(&name);
-    }
+    // A file of this program carries its hash.
+    let is_own = text.lines().any(|l| l.starts_with("content_sha256 = "));
+    let mut notes = if is_own { parameter::read_any(path)?.told.with_values_of(&name) } else { Vec::new() };
     let keys = Keys::parse(&shown, 1, text)?;
+    if !is_own {
+        findings.extend(unknown(&keys.root())?);
+    }
     let periods = periods(&keys)?;
     let [valid_coil_degc, valid_rack_degc] = match keys.root().group("valid")? {
         Some(valid) => [range(&valid, "coil_degc")?, range(&valid, "rack_degc")?],
@@ -239,11 +294,34 @@ mod tests {
             ("[valid]\nfield_coil_nt = [[1.0, -1.0]]", "ends before it begins"),
         ] {
             std::fs::write(&path, format!("{plain}{table}\n")).unwrap();
-            let error = read(&path).unwrap_err().to_string();
+            let error = read(&path, &mut Vec::new()).unwrap_err().to_string();
             assert!(error.contains(words), "{table}: {error}");
         }
         std::fs::write(&path, format!("{plain}[history]\nearlier = [nan, 1.0]\n")).unwrap();
-        assert!(read(&path).is_ok());
+        assert!(read(&path, &mut Vec::new()).is_ok());
+    }
+
+    #[test]
+    fn keys_that_are_not_known_are_told_with_the_nearest_one() {
+        let plain = "scale_nt_per_eu = [0.9, 1.0, 1.1]\noffset_nt = [1, 2, 3]\nangles_deg = [90.1, 90.0, 89.9]\n";
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("facility.toml");
+        let told = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            let mut findings = Vec::new();
+            read(&path, &mut findings).unwrap();
+            findings.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n")
+        };
+        assert_eq!(told(plain), "");
+        for (text, key, nearest) in [
+            (format!("{plain}scale_perk = [0, 0, 0]\n"), "`scale_perk`", "`scale_per_k`"),
+            (format!("{plain}covarience = [[1.0]]\n"), "`covarience`", "`covariance`"),
+            (format!("[facility]\n{plain}ofset_nt_per_k = [0, 0, 0]\n"), "`facility.ofset_nt_per_k`", "`offset_nt_per_k`"),
+            (format!("[[period]]\nform = \"2026-01-01T00:00:00Z\"\n{plain}"), "form`", "`from`"),
+        ] {
+            let said = told(&text);
+            assert!(said.contains(key) && said.contains(nearest) && said.contains("not known"), "{text}: {said}");
+        }
     }
 
     #[test]

@@ -39,7 +39,7 @@ impl Digested {
     /// The file as an input of a result, under the name that is recorded.
     #[must_use]
     pub fn input(self, path: String) -> Input {
-        Input { path, size_bytes: self.size_bytes, sha256: self.sha256, role: None }
+        Input { path, size_bytes: self.size_bytes, sha256: self.sha256, ..Input::default() }
     }
 }
 

@@ -3,7 +3,7 @@
 mod keys;
 mod rows;
 
-pub use keys::{Group, Keys};
+pub use keys::{Group, Keys, NEAREST};
 pub use rows::{Cell, Columns, TableForm, TableRow, cells, columns, not_a_number, small_table};
 
 use crate::data::plain::one_line;

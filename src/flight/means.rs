@@ -54,6 +54,14 @@ pub fn means(series: &Series, day: &std::ops::Range<Tt2000>, mean_ns: i64) -> Me
 }
 
 impl Means {
+    /// The quality bits of all vectors of every mean, of the blocks that they were made of.
+    #[must_use]
+    pub fn quality(&self, blocks: &[Block]) -> Vec<u8> {
+        let all: Vec<u8> = blocks.iter().flat_map(|block| block.quality.iter().copied()).collect();
+        let of_rows = |(first, last): &(usize, usize)| all.get(*first..*last).unwrap_or_default().iter().fold(0, |a, b| a | b);
+        self.rows.iter().map(of_rows).collect()
+    }
+
     /// Covariances of the means, nT², in the order of [`SYMMETRIC`], of the blocks that they were made of. Of the part that is not common, the
     /// noise of the readings falls with the number of vectors, and the error of the thermistor only with the number of its readings. The common
     /// part does not fall. Empty where the blocks have none, nan for a mean without vectors.
@@ -145,6 +153,13 @@ mod tests {
         assert_eq!(found.count, [2, 1, 1]);
         assert_eq!(found.field_nt[0], [1.5, 4.0, 6.0]);
         assert_eq!(found.flags, [7, 0, 8]);
+    }
+
+    #[test]
+    fn the_quality_of_a_mean_has_the_bits_of_its_vectors() {
+        let block = |quality: &[u8]| Block { quality: quality.to_vec(), ..Block::default() };
+        let means = Means { rows: vec![(0, 3), (3, 4)], ..Means::default() };
+        assert_eq!(means.quality(&[block(&[8, 8]), block(&[10, 16])]), [10, 16]);
     }
 
     /// The error of a mean in closed form: noise of one nT² that every vector has for itself, and readings of the thermistor of one standard

@@ -68,11 +68,13 @@ pub struct Options {
     pub compare: Option<Vec<f64>>,
     /// Largest residual asked for, °C.
     pub within_degc: f64,
+    /// The sensor in which the thermistor sits.
+    pub sensor: Option<String>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { order: None, signal: None, divider: None, compare: None, within_degc: WITHIN_DEGC }
+        Self { order: None, signal: None, divider: None, compare: None, within_degc: WITHIN_DEGC, sensor: None }
     }
 }
 
@@ -207,6 +209,7 @@ pub fn thermistor(
     Ok(Thermistor {
         polynomial: ThermistorPolynomial {
             table: name.to_owned(),
+            sensor: options.sensor.clone(),
             signal: signal.name().to_owned(),
             signal_unit: signal.unit().to_owned(),
             order: wanted,
@@ -384,7 +387,7 @@ mod tests {
     }
 
     fn options() -> Options {
-        Options { order: None, signal: None, divider: None, compare: None, within_degc: 0.01 }
+        Options { order: None, signal: None, divider: None, compare: None, within_degc: 0.01, sensor: None }
     }
 
     fn row(t_degc: f64, u_volt: f64) -> ThermistorRow {

@@ -20,7 +20,7 @@ impl Scale {
     /// Whether a value can be placed on an axis of this scale.
     pub(super) fn takes(self, value: f64) -> bool {
         match self {
-            Scale::Linear => usable(value),
+            Scale::Linear | Scale::TimeOfDay => usable(value),
             Scale::Logarithmic => (SMALLEST..=LARGEST).contains(&value),
         }
     }
@@ -29,7 +29,7 @@ impl Scale {
     /// does not take.
     pub(super) fn place(self, value: f64) -> f64 {
         match self {
-            Scale::Linear => value,
+            Scale::Linear | Scale::TimeOfDay => value,
             Scale::Logarithmic => value.log10(),
         }
     }
@@ -76,7 +76,7 @@ impl Span {
             return None;
         }
         let size = match self.scale {
-            Scale::Linear => self.low.abs().max(self.high.abs()),
+            Scale::Linear | Scale::TimeOfDay => self.low.abs().max(self.high.abs()),
             // A decade, wherever it lies.
             Scale::Logarithmic => 1.0,
         };
@@ -116,7 +116,34 @@ impl Axis {
         match span.scale {
             Scale::Linear => Axis::linear(span, length, room),
             Scale::Logarithmic => Axis::logarithmic(span, length, room),
+            Scale::TimeOfDay => Axis::time_of_day(span, length, room),
         }
+    }
+
+    /// Ticks at round times of a clock; parts of a second are decimal hours.
+    fn time_of_day(span: Span, length: f64, room: impl Fn(&[Tick], f64) -> bool) -> Axis {
+        let mut axis = Axis::bare(span);
+        let [low_s, high_s] = [span.low, span.high].map(|hours| 3600.0 * hours);
+        let multiples = |step_s: i64| {
+            let step = step_s as f64;
+            ((low_s / step - 1e-9).ceil() as i64..=(high_s / step + 1e-9).floor() as i64).map(move |n| n * step_s)
+        };
+        for (step_s, minor_s) in CLOCK_S {
+            let count = multiples(step_s).count();
+            if count > MOST_TICKS {
+                continue;
+            }
+            if count < 2 {
+                break;
+            }
+            let tick = |at: i64| Tick { value: at as f64 / 3600.0, label: clock(at, step_s) };
+            axis.ticks = multiples(step_s).map(tick).collect();
+            axis.minor = multiples(minor_s).filter(|at| at % step_s != 0).map(|at| at as f64 / 3600.0).collect();
+            if room(&axis.ticks, step_s as f64 / (high_s - low_s) * length) {
+                break;
+            }
+        }
+        if axis.ticks.is_empty() { Axis::linear(span, length, room) } else { axis }
     }
 
     fn bare(span: Span) -> Axis {
@@ -201,6 +228,33 @@ impl Axis {
     pub fn at(&self, value: f64, from: f64, to: f64) -> f64 {
         from + (self.span.scale.place(value) - self.span.low) / self.span.width() * (to - from)
     }
+}
+
+/// Round steps of a clock and the steps between their ticks, s.
+const CLOCK_S: [(i64, i64); 17] = [
+    (1, 1),
+    (2, 1),
+    (5, 1),
+    (10, 2),
+    (15, 5),
+    (30, 10),
+    (60, 15),
+    (120, 30),
+    (300, 60),
+    (600, 120),
+    (900, 300),
+    (1800, 600),
+    (3600, 900),
+    (7200, 1800),
+    (10_800, 3600),
+    (21_600, 3600),
+    (43_200, 10_800),
+];
+
+/// A time of the day, of ticks that are so many seconds apart.
+fn clock(at_s: i64, step_s: i64) -> String {
+    let (hours, minutes, seconds) = (at_s.div_euclid(3600), at_s.rem_euclid(3600) / 60, at_s.rem_euclid(60));
+    if step_s < 60 { format!("{hours:02}:{minutes:02}:{seconds:02}") } else { format!("{hours:02}:{minutes:02}") }
 }
 
 /// Quarters of steps of 2, fifths of other steps.
@@ -319,6 +373,20 @@ mod tests {
         let axis = Axis::new(linear(low, high), 1000.0, |_, distance| distance >= least);
         let labels = axis.ticks.iter().map(|tick| tick.label.clone());
         (labels.collect(), axis.note)
+    }
+
+    #[test]
+    fn times_of_a_day_are_those_of_a_clock() {
+        let labels = |low: f64, high: f64, least: f64| {
+            let span = Span { scale: Scale::TimeOfDay, low, high };
+            let axis = Axis::new(span, 1000.0, |_, distance| distance >= least);
+            (axis.ticks.iter().map(|tick| tick.label.clone()).collect::<Vec<_>>(), axis.minor)
+        };
+        let (whole, minor) = labels(0.0, 24.0, 120.0);
+        assert_eq!(whole, ["00:00", "03:00", "06:00", "09:00", "12:00", "15:00", "18:00", "21:00", "24:00"]);
+        assert_eq!(minor[..3], [1.0, 2.0, 4.0]);
+        assert_eq!(labels(11.5, 11.5 + 5.0 / 60.0, 150.0).0, ["11:30", "11:31", "11:32", "11:33", "11:34", "11:35"]);
+        assert_eq!(labels(11.5, 11.5 + 20.0 / 3600.0, 240.0).0, ["11:30:00", "11:30:05", "11:30:10", "11:30:15", "11:30:20"]);
     }
 
     #[test]

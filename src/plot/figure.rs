@@ -38,6 +38,8 @@ pub enum Scale {
     Linear,
     /// Equal ratios are equal lengths; values that are not positive are left out.
     Logarithmic,
+    /// Hours since the beginning of a day, with labels as on a clock.
+    TimeOfDay,
 }
 
 /// Data drawn with one style.

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 pub const COLUMNS: usize = 1200;
 /// A day is kept by the second: which part of it a picture shows is known only at its end.
 const SECONDS: usize = 86_400;
-const HOURS: &str = "time since the beginning of the day, UTC, h";
+const HOURS: &str = "time of the day, UTC";
 
 /// Extents of a field over a day.
 #[derive(Clone, Debug, Default)]
@@ -67,7 +67,7 @@ pub fn field(level: &str, what: &str, sensor: &str, day: &str, frame: &str, exte
              several columns in a row hold none, it is empty. The standard uncertainty of every vector stands in the file of the level."
         ),
         x_label: HOURS.to_owned(),
-        x_scale: Scale::Linear,
+        x_scale: Scale::TimeOfDay,
         panels: panels(|c| Panel {
             y_label: format!("B{}, nT", SENSOR[c]),
             y_scale: Scale::Linear,
@@ -80,16 +80,26 @@ pub fn field(level: &str, what: &str, sensor: &str, day: &str, frame: &str, exte
 /// The temperature of a sensor over a day, with the range in which its calibration holds.
 #[must_use]
 pub fn temperature(sensor: &str, day: &str, extents: &Extents, valid_degc: [f64; 2]) -> Figure {
+    let columns = extents.marks();
+    let [low, high] = columns.iter().fold(NOTHING, |a, b| [a[0].min(b.min), a[1].max(b.max)]);
+    // The range of the calibration is mostly far wider than a day, whose course would be a flat line in it.
+    let margin = (0.25 * (high - low)).max(1.0);
+    let [from, to] = valid_degc;
+    let is_near = low <= high && low <= to && from <= high;
+    let seen = if is_near { [from.max(low - margin).min(to), to.min(high + margin).max(from)] } else { valid_degc };
     Figure {
         title: format!("Sensor temperature, {sensor}, {day}"),
-        caption: "Temperature of the sensor; the light ground is the range in which the ground calibration holds.".to_owned(),
+        caption: format!(
+            "Temperature of the sensor; the light ground is the range in which the ground calibration holds, {from:.1} to {to:.1} °C, as far as the \
+             temperature comes near it."
+        ),
         x_label: HOURS.to_owned(),
-        x_scale: Scale::Linear,
+        x_scale: Scale::TimeOfDay,
         panels: vec![Panel {
             y_label: "temperature, °C".to_owned(),
             y_scale: Scale::Linear,
             series: vec![envelope("temperature".to_owned(), Style::Single, extents)],
-            bands: vec![Band { label: "calibrated".to_owned(), low: valid_degc[0], high: valid_degc[1] }],
+            bands: vec![Band { label: "calibrated".to_owned(), low: seen[0], high: seen[1] }],
         }],
     }
 }
@@ -149,7 +159,7 @@ impl Coverage {
                       a flag: tables that do not cover the day, gaps, temperatures outside of the calibration."
                 .to_owned(),
             x_label: HOURS.to_owned(),
-            x_scale: Scale::Linear,
+            x_scale: Scale::TimeOfDay,
             panels: vec![Panel {
                 y_label: String::new(),
                 y_scale: Scale::Linear,
@@ -226,7 +236,7 @@ pub fn jumps(sensor: &str, day: &str, classes: &[String], heights: &[Vec<Height>
              subtracted is the mean of all of them.{not_drawn}"
         ),
         x_label: HOURS.to_owned(),
-        x_scale: Scale::Linear,
+        x_scale: Scale::TimeOfDay,
         panels: panels(|c| Panel {
             y_label: format!("B{}, nT", SENSOR[c]),
             y_scale: Scale::Linear,
@@ -286,6 +296,20 @@ pub fn daily(sensor: &str, day: &str, points: &[(f64, [f64; 3])], polynomials: &
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// A day of 20 to 22 °C in a calibration from -70 to 70 °C fills its panel; where it comes near an end, the end is shown.
+    #[test]
+    fn the_range_of_the_calibration_does_not_flatten_the_course_of_a_day() {
+        let mut extents = Extents::default();
+        (0..86_400).for_each(|s| extents.take((f64::from(s) + 0.5) / 86_400.0, 20.0 + 2.0 * f64::from(s) / 86_400.0));
+        let band = |valid_degc| {
+            let figure = temperature("OB", "2015-07-02", &extents, valid_degc);
+            let band = &figure.panels[0].bands[0];
+            [band.low, band.high].map(|degc| (10.0 * degc).round() / 10.0)
+        };
+        assert_eq!(band([-70.0, 70.0]), [19.0, 23.0]);
+        assert_eq!(band([-70.0, 21.5]), [19.0, 21.5]);
+    }
 
     /// An hour with a gap of four minutes: its vectors are shown by threes of seconds, and no column stands in the gap.
     #[test]

@@ -130,8 +130,14 @@ pub fn standalone(
 
 /// The inputs with their hashes.
 fn inputs(provenance: &Provenance) -> Table {
-    let row = |i: &Input| cells![&i.path, i.size_bytes, Text::default().code(&i.sha256)];
-    Table::new(["input", "bytes", "SHA-256"]).with_rows(provenance.input.iter().map(row))
+    let hash = |i: &Input| Text::default().code(&i.sha256);
+    if provenance.input.iter().all(|i| i.from.is_none()) {
+        let row = |i: &Input| cells![&i.path, i.size_bytes, hash(i)];
+        return Table::new(["input", "bytes", "SHA-256"]).with_rows(provenance.input.iter().map(row));
+    }
+    let moment = |moment: &Option<Start>| moment.as_ref().map_or(Cell::Missing("-"), |at| at.as_str().into());
+    let row = |i: &Input| cells![&i.path, moment(&i.from), moment(&i.until), i.size_bytes, hash(i)];
+    Table::new(["input", "from, UTC", "until, UTC", "bytes", "SHA-256"]).with_rows(provenance.input.iter().map(row))
 }
 
 /// The section with all notes; nothing without notes.

@@ -10,13 +10,14 @@ use crate::data::across::CalibratedRun;
 use crate::data::exclusion::Exclusion;
 use crate::data::note::Note;
 use crate::data::provenance::Provenance;
-use crate::data::result::RunHead;
+use crate::data::result::{RowsUsed, RunHead};
 use crate::data::run::{Header, Location, Run, time_of_id};
 use crate::data::run_state::{Outcome, RunState};
 use crate::files::campaign::Campaign;
 use crate::measure::centre::AtCentre;
 use crate::measure::sweep::Sweep;
 use crate::measure::thermal::{Kind, Thermal};
+use sha2::{Digest, Sha256};
 
 /// A run in the protocol.
 pub struct RunPart<'a> {
@@ -44,6 +45,8 @@ pub struct AnalysisPart<'a> {
     pub headline: String,
     /// Whether its uncertainties hold what a facility file states of its own.
     pub has_type_b: bool,
+    /// How many rows of the run it rests on.
+    pub rows: Option<RowsUsed>,
     /// What a person should know.
     pub remarks: Vec<String>,
     /// The sections of its report.
@@ -150,7 +153,24 @@ pub fn document(p: &Protocol) -> Document {
     chapters.push(mathematics::nomenclature());
     chapters.push(origin(p));
     number(&mut chapters);
-    Document { title: title(p.campaign), front, sections: chapters, colophon: None }
+    let colophon = Some(Text::from(format!("End of the protocol {}.", identifier(p))));
+    Document { title: title(p.campaign), front, sections: chapters, colophon }
+}
+
+/// The identifier that the campaign states, or one that no other inputs have.
+fn identifier(p: &Protocol) -> String {
+    const DIGITS: usize = 6;
+    stated(p.campaign, "Document").map_or_else(
+        || {
+            let mut hash = Sha256::new();
+            for input in &p.provenance.input {
+                hash.update(format!("{} {}\n", input.sha256, input.path));
+            }
+            let digits: String = hash.finalize().iter().take(DIGITS).map(|byte| format!("{byte:02x}")).collect();
+            format!("calfit-{digits}")
+        },
+        str::to_owned,
+    )
 }
 
 /// Numbers chapters and their sections from 1.
@@ -340,11 +360,13 @@ fn results_of_the_day(analyses: &[&AnalysisPart]) -> Table {
             or_not_stated(&part.head.sensor),
             mode_at(&part.head.mode, part.head.location),
             Cell::degc(part.head.temperature_degc),
+            part.rows.as_ref().map_or(Cell::Missing("-"), |rows| format!("{} of {}", rows.used, rows.total).into()),
             &part.headline,
             Text::of_note(&part.remarks.join(". ")),
         ]
     };
-    Table::new(["run", "analysis", "sensor", "mode", "temperature", "result", "remarks"]).with_rows(analyses.iter().map(row))
+    Table::new(["run", "analysis", "sensor", "mode", "temperature", "rows used", "result", "remarks"])
+        .with_rows(analyses.iter().map(row))
 }
 
 fn thermals(p: &Protocol, figure: &mut usize) -> Section {
@@ -403,6 +425,7 @@ fn origin(p: &Protocol) -> Section {
     let method = "Fits and conventions are those of the mathematical description. Samples after a step or a change of frequency are left out \
                   until the data no longer show it; stretches with spikes, plateaus with missing samples and fields beyond the stated limits \
                   are left out with their reason. ";
+    let analyses: Vec<&AnalysisPart> = p.runs.iter().filter_map(|run| run.analysis.as_ref()).collect();
     Section::new("Origin and uncertainty")
         .with_sections([
             uncertainty(p),
@@ -410,7 +433,23 @@ fn origin(p: &Protocol) -> Section {
             Section::new("Inputs").with(inputs(&p.provenance)),
             Section::new("Files that belong to this protocol").with(Table::new(["file", "SHA-256"]).with_rows(files)),
         ])
+        .with_sections(rows_used(&analyses))
         .with_sections(signatures(p.campaign))
+}
+
+/// How many rows every result rests on, and why the others are not used.
+fn rows_used(analyses: &[&AnalysisPart]) -> Option<Section> {
+    let row = |part: &&AnalysisPart| {
+        let rows = part.rows.as_ref()?;
+        let reasons: Vec<String> = rows.rejected.iter().map(|(reason, count)| format!("{count}: {reason}")).collect();
+        let reasons = if reasons.is_empty() { "none".to_owned() } else { reasons.join("; ") };
+        Some(cells![&part.head.id, part.name, rows.used, rows.total, reasons])
+    };
+    let table = Table::new(["run", "analysis", "rows used", "rows", "not used"]).with_rows(analyses.iter().filter_map(row));
+    let section = Section::new("Rows of the runs")
+        .with("Rows are settings with their means, or sines. Their single places stand in the reports and parameter files of the runs.")
+        .with(table);
+    (!analyses.is_empty()).then_some(section)
 }
 
 /// Lines to sign on, where the campaign says who signs.

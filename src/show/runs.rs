@@ -57,9 +57,6 @@ impl RunLine {
     /// What there is to say about a run.
     #[must_use]
     pub fn of(run: &Run) -> Self {
-        let ends = run.settings.iter().map(|s| s.t_end_s).chain(run.blocks.iter().map(|b| b.setting.t_end_s));
-        let ends = ends.chain(run.scalar.iter().map(|s| s.t_s));
-        let duration_s = ends.chain(run.vectors.span_s.map(|s| s[1])).fold(0.0, f64::max);
         let temperatures = run
             .temperatures
             .names
@@ -85,7 +82,7 @@ impl RunLine {
             lost: run.vectors.lost,
             gaps: run.vectors.gap_count,
             measured_rate_hz: run.vectors.measured_rate_hz,
-            duration_s,
+            duration_s: run.duration_s(),
             temperatures,
             size_bytes: run.input.size_bytes,
             sha256: run.input.sha256.clone(),

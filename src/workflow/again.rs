@@ -90,7 +90,7 @@ impl Ingredients {
     /// # Errors
     /// The file is no facility.
     pub fn facility(&self) -> Result<Option<Facility>, Finding> {
-        facility(self.file(Role::Facility))
+        facility(self.file(Role::Facility), &mut Vec::new())
     }
 
     /// The linearisation.

@@ -209,7 +209,7 @@ pub fn scale_to_nt(all: &mut [Measured], desk: &Desk) -> Result<(), Finding> {
             let path = lin.file_name();
             let text = desk.parameter_text(&parameters.calibration.run.id, &path, &parameters, &lin.provenance)?;
             let sha256 = hex(&Sha256::digest(text.as_bytes()));
-            let input = Input { path, size_bytes: text.len() as u64, sha256, role: Some(Role::Cpf) };
+            let input = Input { path, size_bytes: text.len() as u64, sha256, role: Some(Role::Cpf), ..Input::default() };
             found.push((index, input, Sensitivities::from(&lin.result.calibration)));
         }
     }

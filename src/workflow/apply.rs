@@ -518,7 +518,7 @@ impl Source {
     fn input(&self, data: &Path) -> Result<Input, Finding> {
         let name = data.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         match self {
-            Source::Run(own) => Ok(Input { path: name, ..Input::from(&own.input) }),
+            Source::Run(own) => Ok(Input { path: name, ..Input::from(&**own) }),
             Source::Table(..) => Ok(digest(data)?.input(name)),
         }
     }

@@ -135,7 +135,7 @@ pub fn coil_runs<'a>(jobs: &[Job<'a>], desk: &Desk, failures: &mut Vec<(String, 
 }
 
 fn inputs(runs: &[CoilRun]) -> Vec<Input> {
-    let mut list: Vec<Input> = runs.iter().map(|r| Input::from(&r.run.input)).collect();
+    let mut list: Vec<Input> = runs.iter().map(|r| Input::from(&r.run)).collect();
     for input in runs.iter().filter_map(|r| r.campaign.input.clone()) {
         if !list.contains(&input) {
             list.push(input);
@@ -358,12 +358,12 @@ fn of_calibration(calibration: &LinearCalibration) -> Result<OrientedRun, Positi
     })
 }
 
-/// Reads the facility of `--facility`.
+/// Reads the facility of `--facility`; keys that are not known go to `findings` as warnings.
 ///
 /// # Errors
 /// The file is no facility.
-pub fn facility(path: Option<&PathBuf>) -> Result<Option<Facility>, Finding> {
-    path.map(|path| facility::read(path)).transpose()
+pub fn facility(path: Option<&PathBuf>, findings: &mut Vec<Finding>) -> Result<Option<Facility>, Finding> {
+    path.map(|path| facility::read(path, findings)).transpose()
 }
 
 /// Writes figures, report and parameter file, the last one last; returns the name of the parameter file and the figures.

@@ -104,7 +104,7 @@ pub fn diagnose_run(job: &Job, desk: &Desk, with: &DiagnosedWith, two_threads: b
         .map_err(|reason| Failure::Refused(refusal(&job.recorded, &reason)))?;
     diagnosis.notes.extend(conditions::excluded(&run));
     diagnosis.notes.extend(with.model.as_ref().and_then(Known::untold));
-    let mut input = vec![Input::from(&run.input)];
+    let mut input = vec![Input::from(&run)];
     input.extend(job.campaign.input.clone());
     input.extend(with.inputs());
     let provenance = Provenance::new(Recipe::plain("diagnose").reading(desk.allowed_of(&run.header.run)), input);
@@ -173,7 +173,7 @@ impl Across {
             let taken = read(job, desk, true, Accumulator::default()).and_then(|(run, accumulator)| {
                 let plateaus = plateau::of_run(&run, accumulator, options.cut);
                 let values = RunValues::of_run(&run, &plateaus, job.campaign, options).map_err(refuse)?;
-                Ok((values, Input::from(&run.input)))
+                Ok((values, Input::from(&run)))
             });
             match taken {
                 Ok((values, input)) => {

@@ -3,10 +3,11 @@
 use super::{Ingredients, Made, PerRun, Refusal, RunResult, Shown};
 use crate::data::across::CalibratedRun;
 use crate::data::error::Finding;
+use crate::data::frequency::SineAmplitude;
 use crate::data::note::{Note, Told};
 use crate::data::provenance::{Input, Provenance, Role};
 use crate::data::recipe::Recipe;
-use crate::data::result::RunHead;
+use crate::data::result::{RowsUsed, RunHead};
 use crate::data::run::{Kind, Run};
 use crate::data::tables::AmplitudeRow;
 use crate::files::amplitudes;
@@ -119,6 +120,11 @@ impl RunResult for Freq {
     }
     fn notes(&self) -> &[Note] {
         &self.notes
+    }
+    fn rows(&self) -> Option<RowsUsed> {
+        let (used, rejected): (Vec<&SineAmplitude>, Vec<&SineAmplitude>) = self.amplitude.iter().partition(|row| row.used);
+        let reason = |row: &&SineAmplitude| if row.remark.is_empty() { "not detected".to_owned() } else { row.remark.clone() };
+        Some(RowsUsed::new(used.len(), self.amplitude.len(), rejected.iter().map(reason)))
     }
     fn point(&self) -> Option<CalibratedRun> {
         Some((&self.parameters()).into())

@@ -177,6 +177,7 @@ impl<R: RunResult> RunMade for Made<R> {
             head: self.result.head(),
             headline: R::HEADLINE(&self.result),
             has_type_b: self.result.has_type_b(),
+            rows: self.result.rows(),
             remarks: self.result.notes().iter().map(Note::to_string).collect(),
             sections: (R::SHOWN.sections)(&self.result, &self.file_name()),
             figures,

@@ -7,7 +7,7 @@ use crate::data::error::Finding;
 use crate::data::note::{Note, Told};
 use crate::data::plateau::{self, Accumulator};
 use crate::data::provenance::Input;
-use crate::data::result::RunHead;
+use crate::data::result::{RowsUsed, RunHead};
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
 use crate::files::parameter::{Convention, Cpf};
@@ -114,6 +114,10 @@ impl RunResult for Lin {
     }
     fn has_type_b(&self) -> bool {
         self.calibration.of_facility.is_some()
+    }
+    fn rows(&self) -> Option<RowsUsed> {
+        let quality = &self.calibration.quality;
+        Some(RowsUsed::of_settings(quality.blocks_used, quality.blocks_total, &self.dropped))
     }
     fn name_in_group(&self) -> Option<String> {
         Some(self.parameters().thermal_file_name())

@@ -145,5 +145,5 @@ fn publish(result: &Linearised, provenance: &Provenance, desk: &Desk) -> Result<
     };
     let (size_bytes, sha256) = (outcome.parameters.len() as u64, hex(&Sha256::digest(outcome.parameters.as_bytes())));
     outcome.write(&folder, &drawn)?;
-    Ok(Input { path: name, size_bytes, sha256, role: Some(Role::Linearisation) })
+    Ok(Input { path: name, size_bytes, sha256, role: Some(Role::Linearisation), ..Input::default() })
 }

@@ -15,6 +15,7 @@ mod freq;
 mod ground;
 mod import;
 mod kind;
+mod like;
 mod lin;
 mod linearise;
 mod null;
@@ -42,6 +43,7 @@ pub use freq::of_table;
 pub use ground::{ExportRecipe, NoGround, ground_calibration};
 pub use import::{Import, ImportedRun};
 pub use kind::{RUN_KINDS, RunKind, RunMade};
+pub use like::{OwnParameters, own_parameters};
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
 pub use renew::{Renewed, renew};
 pub use results::{Left, Results};
@@ -58,7 +60,7 @@ use crate::data::index::Index;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::{Reading, Recipe};
-use crate::data::result::RunHead;
+use crate::data::result::{RowsUsed, RunHead};
 use crate::data::run::{Header, Kind, Run, VectorSink};
 use crate::files::campaign::{Campaign, RunFile};
 #[cfg(feature = "tables")]
@@ -188,6 +190,10 @@ pub trait RunResult: Sized + Send + Sync + 'static {
     /// Part of what was asked for is refused; the notes say what.
     fn is_partial(&self) -> bool {
         false
+    }
+    /// How many rows of the run it rests on; `None` where every vector is one.
+    fn rows(&self) -> Option<RowsUsed> {
+        None
     }
     /// What goes into the parameter file.
     fn parameters(&self) -> Self::Parameters;
@@ -468,7 +474,7 @@ pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) 
     let result = analysis
         .analyse(&run, sink, job.campaign)
         .map_err(|refusal| Failure::Refused(Finding::error(&job.recorded, refusal.rule, refusal.remedy)))?;
-    let mut input = vec![Input::from(&run.input)];
+    let mut input = vec![Input::from(&run)];
     input.extend(job.campaign.input.clone());
     input.extend(analysis.inputs());
     let provenance = Provenance::new(recipe(analysis, &result, desk), input);

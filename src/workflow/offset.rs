@@ -7,7 +7,7 @@ use crate::data::error::Finding;
 use crate::data::note::{Note, Told};
 use crate::data::plateau::{self, Accumulator, Plateau};
 use crate::data::provenance::Input;
-use crate::data::result::RunHead;
+use crate::data::result::{RowsUsed, RunHead};
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
 use crate::files::parameter::{OffsetConvention, Opf};
@@ -82,6 +82,10 @@ impl RunResult for Offset {
     fn notes(&self) -> &[Note] {
         &self.notes
     }
+    fn rows(&self) -> Option<RowsUsed> {
+        let quality = &self.found.quality;
+        Some(RowsUsed::of_settings(quality.blocks_used, quality.blocks_total, &self.dropped))
+    }
     fn has_type_b(&self) -> bool {
         self.found.of_facility.is_some()
     }
@@ -96,6 +100,7 @@ impl RunResult for Offset {
         Opf {
             values: self.values,
             convention: if self.model.is_some() { convention.without_effects() } else { convention },
+            std: Some(self.values.std()),
             found: self.found.clone(),
             conditions: self.temperatures.conditions.clone(),
             facility: self.facility.clone(),

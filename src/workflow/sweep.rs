@@ -6,7 +6,7 @@ use crate::data::error::Finding;
 use crate::data::note::{Note, Told};
 use crate::data::plateau::{self, Accumulator};
 use crate::data::provenance::Input;
-use crate::data::result::{Covariance, RunHead};
+use crate::data::result::{Covariance, RowsUsed, RunHead};
 use crate::data::run::{Kind, Run};
 use crate::files::campaign::Campaign;
 use crate::files::parameter::{SweepPart, ThermalConvention, ThermalHead, Tpf};
@@ -71,6 +71,13 @@ impl RunResult for Sweep {
     }
     fn notes(&self) -> &[Note] {
         &self.notes
+    }
+    fn rows(&self) -> Option<RowsUsed> {
+        let counts = &self.settings;
+        let fast = std::iter::repeat_n("the temperature moves too fast", counts.too_fast);
+        let others = counts.total.saturating_sub(counts.used + counts.too_fast);
+        let others = std::iter::repeat_n("see the report of the run", others);
+        Some(RowsUsed::new(counts.used, counts.total, fast.chain(others).map(str::to_owned)))
     }
     fn has_type_b(&self) -> bool {
         self.quantities.iter().any(|q| q.common.as_ref().is_some_and(|all| !all.is_empty()))

@@ -602,5 +602,5 @@ fn publish(result: &Thermal, file: &ThermalFile, provenance: &Provenance, desk: 
     };
     let (size_bytes, sha256) = (outcome.parameters.len() as u64, hex(&Sha256::digest(outcome.parameters.as_bytes())));
     outcome.write(&folder, &drawn)?;
-    Ok((Input { path: name, size_bytes, sha256, role: None }, drawn))
+    Ok((Input { path: name, size_bytes, sha256, ..Input::default() }, drawn))
 }

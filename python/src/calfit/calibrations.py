@@ -16,7 +16,7 @@ from . import alignment
 from .document import Document
 from .errors import Refused
 from .kinds import AXES, PAIRS
-from .quantities import covariance_table, stated_covariance, stated_std
+from .quantities import covariance_table, known_coefficients, stated_covariance, stated_std
 from .state import State, Term, constant, horner, over_temperature
 from .steps import Applied
 
@@ -477,7 +477,7 @@ class GroundCalibration:
 def _of_offset(document: Document, quantity: str) -> list[str]:
     """Names of the polynomials of an offset."""
     names = [f"{quantity}_{axis}" for axis in AXES]
-    missing = [name for name in names if document.get(name) is None]
+    missing = [name for name in names if known_coefficients(document, name) is None]
     if missing:
         rule = "is missing: the offset of these components is not known"
         raise NoOffset(document.file, ", ".join(missing), rule, "name an offset of all components")

@@ -69,6 +69,14 @@ def power_unit(unit: str, order: int) -> str:
     return unit if order == 0 else f"{unit}/degC^{order}"
 
 
+def known_coefficients(document: Document, path: str) -> np.ndarray | None:
+    """Coefficients of a polynomial; None where there are none, or where they are not determined (nan)."""
+    found = document.numbers(path, (-1,), finite=False)
+    if found is None or np.isnan(found).all():
+        return None
+    return document.numbers(path, (-1,))
+
+
 def stated_covariance(document: Document, name: str, count: int) -> np.ndarray | None:
     """Covariance of the coefficients of a polynomial: the combined one where it is stated."""
     for table in ("covariance_combined", "covariance"):
@@ -117,7 +125,7 @@ def quantities(document: Document, kind: Kind) -> Quantities:
     all_of = Quantities({}, {}, {}, {})
     for name, unit in kind.polynomials:
         for path in (name, f"off_centre.coefficients.{name}"):
-            coefficients = document.numbers(path, (-1,))
+            coefficients = known_coefficients(document, path)
             if coefficients is None:
                 continue
             all_of.values[path], all_of.units[path] = coefficients, unit

@@ -107,7 +107,10 @@ impl Work<'_, '_> {
         for entry in &self.campaign.file.thermistors {
             let mut findings = Vec::new();
             let order = entry.order.map(|order| order as usize);
-            let options = thermistor::Options { order, divider: entry.divider, ..thermistor::Options::default() };
+            // One table of several sensors has one file, which is of none of them alone.
+            let is_shared = self.campaign.file.thermistors.iter().filter(|other| other.table == entry.table).count() > 1;
+            let sensor = entry.sensor.clone().filter(|_| !is_shared);
+            let options = thermistor::Options { order, divider: entry.divider, sensor, ..thermistor::Options::default() };
             let path = |name: &String| named_file(root, name, entry.is_outside);
             let made = path(&entry.table).and_then(|table| {
                 let reference = entry.reference.as_ref().map(path).transpose()?;

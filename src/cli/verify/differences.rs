@@ -3,13 +3,14 @@
 use std::borrow::Cow;
 
 /// Keys that files of earlier versions of the program do not have.
-const LATER_KEYS: [&str; 18] = [
+const LATER_KEYS: [&str; 19] = [
     "apply",
     "warning_kinds",
     "valid_field_nt",
     "linearisation",
     "known_effects",
     "hypothesis",
+    "std",
     "std_b",
     "std_combined",
     "covariance_b",
@@ -73,7 +74,9 @@ impl Differences {
                 differences.list.push(format!("{key} = {value} comes back as {other}"));
             }
         }
-        for (key, value) in b.iter().filter(|(k, _)| !a.iter().any(|(other, _)| other == k)) {
+        // A key without a value is as good as none; earlier versions of the program left it out.
+        let is_unknown = |value: &str| value.parse::<f64>().is_ok_and(f64::is_nan);
+        for (key, value) in b.iter().filter(|(k, v)| !is_unknown(v) && !a.iter().any(|(other, _)| other == k)) {
             differences.list.push(format!("{key} = {value} is not in the file"));
         }
         differences

@@ -79,7 +79,7 @@ pub(super) enum NotFound {
         found.display(),
         input.sha256.get(..16).unwrap_or_default()
     )]
-    Another { input: Input, found: PathBuf },
+    Another { input: Box<Input>, found: PathBuf },
     #[error("the input {0} is not found; name its campaign folder as a further PATH")]
     Absent(String),
 }
@@ -108,7 +108,7 @@ pub(super) fn locate(input: &Input, file: &Path, home: Option<&Home>, named: &[P
         }
     }
     Err(match other {
-        Some(found) => NotFound::Another { input: input.clone(), found },
+        Some(found) => NotFound::Another { input: Box::new(input.clone()), found },
         None => NotFound::Absent(input.path.clone()),
     })
 }

@@ -5,6 +5,7 @@ use super::quantity::{Quantity, correlations, quantities};
 use super::{Exported, Options, Source};
 use crate::data::error::Finding;
 use crate::data::run::time_of_id;
+use crate::data::start::Start;
 use std::fmt::Write;
 
 /// The coverage factor where the uncertainty itself is known well.
@@ -49,7 +50,10 @@ fn days(source: &Source) -> [String; 2] {
     let made = || source.file.provenance.created.get(..10).unwrap_or_default().to_owned();
     let named = |key: &str| source.value[key].as_array().into_iter().flatten().filter_map(|v| v.as_str());
     // The files of coils name their runs so.
-    let mut list: Vec<String> = named("runs").chain(named("used")).chain(source.text("/run/id")).filter_map(of_run).collect();
+    let of_ids = named("runs").chain(named("used")).chain(source.text("/run/id")).filter_map(of_run);
+    let inputs = || source.file.provenance.input.iter();
+    let moments = inputs().filter_map(|i| i.from.as_ref()).chain(inputs().filter_map(|i| i.until.as_ref()));
+    let mut list: Vec<String> = of_ids.chain(moments.map(Start::day)).collect();
     list.sort();
     [list.first().cloned().unwrap_or_else(made), list.last().cloned().unwrap_or_else(made)]
 }

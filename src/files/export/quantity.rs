@@ -210,7 +210,7 @@ fn factor_95(source: &Source, polynomial: Option<&str>) -> f64 {
     if let Some(factor) = found.and_then(|q| q["factor_95"].as_f64()) {
         return factor;
     }
-    let of_samples = source.value.pointer("/quality/raw_std_ent").is_some_and(|std| !std.is_null());
+    let of_samples = source.number("/quality/raw_std_ent/mean/0").is_some();
     let freedom = ["/quality/degrees_of_freedom", "/degrees_of_freedom"].into_iter().find_map(|at| source.value.pointer(at));
     let least = match freedom.filter(|_| !of_samples) {
         Some(serde_json::Value::Array(all)) => all.iter().filter_map(serde_json::Value::as_u64).min(),

@@ -301,6 +301,10 @@ pub fn export(sources: &[Source], options: &Options) -> Result<Exported, Finding
         None => lacking.push("T_0 to T_3 and T_OFF lack a THERMISTOR file (`calfit thermistor --reference`)"),
         Some(source) => {
             let body = source.typed::<ThermistorFile>()?.body;
+            if let Some(other) = body.polynomial.sensor.as_ref().filter(|own| **own != file.sensor) {
+                let rule = format!("is of sensor {other}, the other files are of {}", file.sensor);
+                return Err(source.refuse(rule, "name the THERMISTOR file of the same sensor"));
+            }
             let polynomial = &body.polynomial;
             if polynomial.signal != "u" || polynomial.order > 3 {
                 let rule = format!("is of order {} in {}; T_0 to T_3 are a cubic in V", polynomial.order, polynomial.signal_unit);

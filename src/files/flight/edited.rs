@@ -347,6 +347,28 @@ pub fn times_beside(path: &Path, mission: &Mission, leap: &LeapSeconds) -> Resul
     mission.time_rule.beside(&table).times(&table, path, leap)
 }
 
+/// The modes of the rows of a file with time tags in a range, in the order of their first row; of the time tags and modes alone.
+///
+/// # Errors
+/// As [`read`].
+pub fn modes_in(
+    file: &EditedFile,
+    sensor: &Sensor,
+    mission: &Mission,
+    leap: &LeapSeconds,
+    wanted: &std::ops::Range<Tt2000>,
+) -> Result<Vec<u8>, Finding> {
+    let open = open(&file.path, leap)?;
+    let tags = mission.time_rule.times(&open.table, &file.path, leap)?;
+    let mut found = Vec::new();
+    for (mode, _) in open.modes(&tags, sensor, mission)?.into_iter().zip(&tags).filter(|(_, tag)| wanted.contains(tag)) {
+        if found.last() != Some(&mode) && !found.contains(&mode) {
+            found.push(mode);
+        }
+    }
+    Ok(found)
+}
+
 /// Size and hash of a file.
 ///
 /// # Errors

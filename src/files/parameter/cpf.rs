@@ -4,7 +4,7 @@ use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Diagonal, Matrix, Scalar, Vector};
 use super::quantity::{BETWEEN, Entry, LINEARISATION_C2, LINEARISATION_C3, Quantities, SENSOR, Validity};
-use super::{Body, FieldPart};
+use super::{Body, FieldPart, Kept};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::calibration::LinearCalibration;
 use crate::data::convention as data_convention;
@@ -151,6 +151,12 @@ impl Body for Cpf {
     const FORMAT: &'static str = "CPF";
     const NAMING: Naming = Naming::Extension;
     const POINT: Option<Point> = Some(point::cpf);
+    const KEPT: &'static [Kept] = &[
+        Kept::number("run.temperature_degc"),
+        Kept::spread("quality.raw_std_ent"),
+        Kept::vector("slopes.b_or_ent"),
+        Kept::vector("slopes.std.b_or_ent"),
+    ];
     const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
         polynomials: &[],
         entries: &[

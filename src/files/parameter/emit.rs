@@ -8,8 +8,13 @@ use std::fmt::Write;
 /// TOML text of a table. Nulls are left out, as TOML has none.
 #[must_use]
 pub fn toml(table: &Map<String, Value>) -> String {
+    toml_keeping(table, &[])
+}
+
+/// The same with the nulls under some keys, each with the tables above it, as nan.
+pub(super) fn toml_keeping(table: &Map<String, Value>, kept: &[&str]) -> String {
     let mut out = String::new();
-    write_table(&mut out, "", table);
+    write_table(&mut out, "", table, kept);
     out
 }
 
@@ -17,21 +22,23 @@ fn is_table_list(value: &Value) -> bool {
     value.as_array().is_some_and(|list| !list.is_empty() && list.iter().all(Value::is_object))
 }
 
-fn write_table(out: &mut String, path: &str, table: &Map<String, Value>) {
+fn write_table(out: &mut String, path: &str, table: &Map<String, Value>, kept: &[&str]) {
+    let full = |key: &str| if path.is_empty() { quoted_key(key) } else { format!("{path}.{}", quoted_key(key)) };
     for (key, value) in table {
-        if !value.is_null() && !value.is_object() && !is_table_list(value) {
+        let is_written = !value.is_null() || kept.contains(&full(key).as_str());
+        if is_written && !value.is_object() && !is_table_list(value) {
             let _ = writeln!(out, "{} = {}", quoted_key(key), inline(value, true));
         }
     }
     for (key, value) in table {
-        let full = if path.is_empty() { quoted_key(key) } else { format!("{path}.{}", quoted_key(key)) };
+        let full = full(key);
         if let Some(inner) = value.as_object() {
             let _ = writeln!(out, "\n[{full}]");
-            write_table(out, &full, inner);
+            write_table(out, &full, inner, kept);
         } else if is_table_list(value) {
             for inner in value.as_array().into_iter().flatten().filter_map(Value::as_object) {
                 let _ = writeln!(out, "\n[[{full}]]");
-                write_table(out, &full, inner);
+                write_table(out, &full, inner, kept);
             }
         }
     }

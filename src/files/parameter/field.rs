@@ -361,6 +361,18 @@ impl Opf {
     /// Refuses standard uncertainties that are not those of the covariance, and fields in nT that are not those in enT times the sensitivity.
     pub(super) fn is_consistent(&self, path: &Path) -> Result<(), Finding> {
         let (v, covariance) = (&self.values, &self.found.covariance);
+        if let Some(std) = &self.std {
+            let own = v.std();
+            for (key, a, b) in [
+                ("std.offset_ent", std.offset_ent, own.offset_ent),
+                ("std.residual_ent", std.residual_ent, own.residual_ent),
+                ("std.residual_coil_nt", std.residual_coil_nt, own.residual_coil_nt),
+            ] {
+                if !(0..3).all(|i| (a[i].is_nan() && b[i].is_nan()) || is_near(a[i], b[i])) {
+                    return Err(contradicts(path, format!("{key} is not the one of the values")));
+                }
+            }
+        }
         for (quantity, key, value, std) in [
             ("offset", "offset_std_ent", v.offset_ent, v.offset_std_ent),
             ("residual_coil", "residual_coil_std_nt", v.residual_coil_nt, v.residual_coil_std_nt),

@@ -1,10 +1,10 @@
 //! FPF: sampling frequency and frequency response of one run.
 
-use super::Body;
 use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Scalar, Vector};
 use super::quantity::{Entry, Quantities, RUN_DEGC, SENSOR};
+use super::{Body, Kept};
 use crate::data::frequency::{FrequencyFound, FrequencyValues, SineAmplitude};
 use crate::data::note::Told;
 use crate::data::result::Conditions;
@@ -32,7 +32,7 @@ impl Default for FrequencyConvention {
     }
 }
 
-/// Sampling frequency and frequency response. Without waveforms the sampling frequency is absent.
+/// Sampling frequency and frequency response. Without waveforms the sampling frequency is absent, and nan in files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Fpf {
     /// Sampling frequency and -3 dB frequencies.
@@ -61,6 +61,8 @@ impl Body for Fpf {
     const FORMAT: &'static str = "FPF";
     const NAMING: Naming = Naming::Extension;
     const POINT: Option<Point> = Some(point::fpf);
+    const KEPT: &'static [Kept] =
+        &[Kept::vector("f_s_hz"), Kept::vector("f_s_std_hz"), Kept::number("mean_f_s_hz"), Kept::number("mean_f_s_std_hz")];
     const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
         polynomials: &[],
         entries: &[

@@ -3,8 +3,8 @@
 use super::point::Point;
 use super::quantity::Quantities;
 use super::{
-    Body, CoilResidual, CoilScalar, CoilTilt, Cpf, FieldPart, Fpf, LinearisationFile, Model, Npf, Opf, Taf, Tcf, ThermistorFile,
-    Tof, Tpf, is_consistent, read, to_text,
+    Body, CoilResidual, CoilScalar, CoilTilt, Cpf, FieldPart, Fpf, Kept, LinearisationFile, Model, Npf, Opf, Taf, Tcf,
+    ThermistorFile, Tof, Tpf, is_consistent, read, to_text,
 };
 use crate::data::error::Finding;
 use crate::data::provenance::{Input, Role};
@@ -55,6 +55,8 @@ pub struct FileKind {
     naming: Naming,
     /// Keys whose lists may hold nan.
     pub(super) may_lack: &'static [&'static str],
+    /// Keys that stand in every file, with nan where their value is not known.
+    pub(super) kept: &'static [Kept],
     /// Whether the text of a file of the kind holds what can be.
     pub(super) is_sound: fn(&Path, &str) -> Result<(), Finding>,
     check: fn(&Path) -> Result<(), Finding>,
@@ -74,6 +76,7 @@ impl FileKind {
             refused_before: B::REFUSED_BEFORE,
             naming: B::NAMING,
             may_lack: B::MAY_LACK,
+            kept: B::KEPT,
             // A key that is missing is told where a file of the kind is wanted.
             is_sound: |path, text| toml_edit::de::from_str::<B>(text).map_or(Ok(()), |body| is_consistent(&body, path, text)),
             check: check::<B>,

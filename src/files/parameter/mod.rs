@@ -10,6 +10,7 @@ mod domains;
 mod emit;
 mod field;
 mod fpf;
+mod kept;
 mod kind;
 mod linearisation;
 mod model;
@@ -29,6 +30,7 @@ pub use field::FieldPart;
 use field::contradicts;
 pub(in crate::files) use field::matrix_of;
 pub use fpf::{Fpf, FrequencyConvention};
+pub use kept::Kept;
 pub use kind::{FileKind, KINDS, Naming, is_named};
 pub use linearisation::{LinearisationConvention, LinearisationFile, linearisation_file_name};
 pub use model::{Model, ModelEffect, ModelParameter};
@@ -65,6 +67,8 @@ pub trait Body: Serialize + DeserializeOwned {
     const POINT: Option<Point> = None;
     /// Keys whose lists may hold nan, which stands for a value that was not determined.
     const MAY_LACK: &'static [&'static str] = &[];
+    /// Keys that stand in every file, with nan where their value is not known.
+    const KEPT: &'static [Kept] = &[];
     /// Version of the layout that is written.
     const VERSION: u32 = 1;
     /// Why files of an earlier version are refused; without a reason they are read.
@@ -132,7 +136,8 @@ pub fn to_text<B: Body>(body: &B, provenance: &Provenance) -> Result<String, ser
     if document.iter().any(|(key, value)| !B::MAY_LACK.contains(&key.as_str()) && holds_gap(value)) {
         return Err(serde::ser::Error::custom("a value is not finite"));
     }
-    let text = format!("# calfit {} parameter file\n{}", B::FORMAT, toml(&document));
+    kept::put_in(&mut document, B::KEPT);
+    let text = format!("# calfit {} parameter file\n{}", B::FORMAT, emit::toml_keeping(&document, &kept::numbers(B::KEPT)));
     let hash = content_hash(&text);
     Ok(text.replacen("content_sha256 = \"\"", &format!("content_sha256 = \"{hash}\""), 1))
 }
@@ -168,7 +173,7 @@ pub struct AnyFile {
     pub document: DocumentMut,
 }
 
-/// Text and head of a parameter file whose hash is right.
+/// Text and head of a parameter file whose hash is right; the text is without the keys whose values are not known.
 fn open(path: &Path) -> Result<(String, DocumentMut, Head, Input), Finding> {
     let (bytes, digested) = read_whole(path)?;
     let file = path.display().to_string();
@@ -189,9 +194,11 @@ fn open(path: &Path) -> Result<(String, DocumentMut, Head, Input), Finding> {
         .parse()
         .map_err(|e: toml_edit::TomlError| refuse(format!("is not TOML: {}", e.message()), "take it from the archive again"))?;
     let kind = FileKind::of_format(&head.format);
-    sound::is_sound(path, &document, kind.map_or(&[], |kind| kind.may_lack))?;
+    let known = kept::taken_out(&text, kind.map_or(&[], |kind| kind.kept)).into_owned();
+    let own = if known == text { None } else { known.parse::<DocumentMut>().ok() };
+    sound::is_sound(path, own.as_ref().unwrap_or(&document), kind.map_or(&[], |kind| kind.may_lack))?;
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    Ok((text, document, head, digested.input(name)))
+    Ok((known, document, head, digested.input(name)))
 }
 
 /// Reads a parameter file of any kind and checks its hash.

@@ -5,11 +5,11 @@ use super::kind::Naming;
 use super::point::{self, Point};
 use super::quantity::Shape::{Scalar, Vector};
 use super::quantity::{COIL, Entry, Quantities, SENSOR, Validity};
-use super::{Body, FieldPart};
+use super::{Body, FieldPart, Kept};
 use crate::data::apply::{Apply, OffsetQuantity};
 use crate::data::error::Finding;
 use crate::data::note::Told;
-use crate::data::offset::{OffsetFound, OffsetValues};
+use crate::data::offset::{OffsetFound, OffsetStd, OffsetValues};
 use crate::data::result::{Conditions, Dropped};
 use crate::model::applied::ModelApplied;
 use crate::model::facility::FacilityApplied;
@@ -55,6 +55,10 @@ pub struct Opf {
     pub values: OffsetValues,
     /// What the numbers mean.
     pub convention: OffsetConvention,
+    /// The same standard uncertainties under the names of their quantities, as those of type B and of both types stand; absent in files from
+    /// before they did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub std: Option<OffsetStd>,
     /// How they were found.
     #[serde(flatten)]
     pub found: OffsetFound,
@@ -88,6 +92,7 @@ impl Body for Opf {
     const FORMAT: &'static str = "OPF";
     const NAMING: Naming = Naming::Extension;
     const POINT: Option<Point> = Some(point::opf);
+    const KEPT: &'static [Kept] = &[Kept::number("run.temperature_degc"), Kept::number("run.coil_temperature_degc")];
     const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
         polynomials: &[],
         entries: &[
@@ -107,6 +112,7 @@ impl Body for Opf {
         "residual_coil_std_nt",
         "offset_degc",
         "scaled",
+        "std",
         "std_b",
         "std_combined",
     ];

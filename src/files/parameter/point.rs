@@ -1,6 +1,7 @@
 //! What an analysis across temperatures needs of the parameter file of one run. Only these keys must be there, so that files of
 //! other programs can take part.
 
+use super::kept::taken_out;
 use super::{Body, Cpf, FileKind, Fpf, Opf, content_hash};
 use crate::data::across::{CalibratedRun, CommonChange, LinearScope, RunAtTemperature, RunValues};
 use crate::data::calibration::LinearTypeB;
@@ -166,11 +167,12 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Calibrate
         }
     }
     let file = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-    let Some(point) = FileKind::of_format(&head.format).and_then(|kind| kind.point) else {
+    let kind = FileKind::of_format(&head.format);
+    let Some((point, kept)) = kind.and_then(|kind| Some((kind.point?, kind.kept))) else {
         let rule = format!("holds format {}, which is not the result of a single run", head.format);
         return Err(refuse(rule, "name CPF, OPF or FPF files"));
     };
-    let RunKeys { run, conditions, values, reference } = point(&text).map_err(wrong)?;
+    let RunKeys { run, conditions, values, reference } = point(&taken_out(&text, kept)).map_err(wrong)?;
     let (channel, notes) = (conditions.and_then(|c| c.sensor_channel), qualifying(&head.told, &run.id));
     Ok((CalibratedRun { file, run, channel, values, reference, notes }, digested))
 }

@@ -4,7 +4,7 @@ use super::field::{contradicts, stated_polynomial};
 use super::kind::Naming;
 use super::quantity::Shape::Scalar;
 use super::quantity::{Entry, LINEARISATION_C2, LINEARISATION_C3, OF_TEMPERATURE, POLYNOMIALS, Quantities, VALID_DEGC};
-use super::{Body, FieldPart};
+use super::{Body, FieldPart, Kept};
 use crate::data::across::{
     AppliedLag, CommonChange, LinearScope, RunModelErrors, RunResidualFields, RunRotations, ThermistorLag,
 };
@@ -470,7 +470,7 @@ impl Body for Tpf {
     }
 }
 
-/// Temperature polynomials of the sensor offset. A component without values has no key.
+/// Temperature polynomials of the sensor offset. A component without values is absent, and nan in files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tof {
     /// Offset of x, enT.
@@ -498,6 +498,14 @@ impl Body for Tof {
     }
     const FORMAT: &'static str = "TOF";
     const NAMING: Naming = Naming::Extension;
+    const KEPT: &'static [Kept] = &[
+        Kept::coefficients("b_off_x"),
+        Kept::coefficients("b_off_y"),
+        Kept::coefficients("b_off_z"),
+        Kept::covariance("covariance.b_off_x"),
+        Kept::covariance("covariance.b_off_y"),
+        Kept::covariance("covariance.b_off_z"),
+    ];
     const QUANTITIES: Option<&'static Quantities> = Some(&POLYNOMIALS);
     const MAY_LACK: &'static [&'static str] = MAY_LACK;
     fn file_name(&self) -> String {
@@ -505,7 +513,7 @@ impl Body for Tof {
     }
 }
 
-/// Temperature polynomials of the -3 dB frequency. A component without values has no key.
+/// Temperature polynomials of the -3 dB frequency. A component without values is absent, and nan in files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Taf {
     /// -3 dB frequency of x, Hz.
@@ -544,6 +552,10 @@ pub struct Taf {
 }
 
 impl Body for Taf {
+    fn apply(&self) -> Option<Apply> {
+        let formula = "f_3db(T) = sum over k of f_3db_k T^k, T degC of the channel, per component; f_3db_igep the same";
+        Some(Apply::evaluated(formula, "-3 dB frequency, Hz, along the sensor axes"))
+    }
     fn validate(&self, path: &Path) -> Result<(), Finding> {
         if ["model", "igep"].contains(&self.corner.as_str()) {
             return Ok(());
@@ -552,6 +564,16 @@ impl Body for Taf {
     }
     const FORMAT: &'static str = "TAF";
     const NAMING: Naming = Naming::Extension;
+    const KEPT: &'static [Kept] = &[
+        Kept::coefficients("f_3db_x"),
+        Kept::coefficients("f_3db_y"),
+        Kept::coefficients("f_3db_z"),
+        Kept::covariance("covariance.f_3db_x"),
+        Kept::covariance("covariance.f_3db_y"),
+        Kept::covariance("covariance.f_3db_z"),
+        Kept::number("mean_sample_rate_hz"),
+        Kept::number("mean_std_sample_rate_hz"),
+    ];
     const QUANTITIES: Option<&'static Quantities> = Some(&Quantities {
         polynomials: &OF_TEMPERATURE,
         entries: &[Entry::of("mean_f_s", Scalar(""), "/mean_sample_rate_hz", "/mean_std_sample_rate_hz", "Hz", "facility clock")],

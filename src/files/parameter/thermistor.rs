@@ -5,6 +5,7 @@ use super::field::contradicts;
 use super::kind::Naming;
 use super::quantity::Shape::Scalar;
 use super::quantity::{Argument, Entry, Polynomial, Quantities, VALID_DEGC};
+use crate::data::apply::Apply;
 use crate::data::error::Finding;
 use crate::data::note::Told;
 use crate::data::result::Covariance;
@@ -73,6 +74,12 @@ impl ThermistorFile {
 }
 
 impl Body for ThermistorFile {
+    fn apply(&self) -> Option<Apply> {
+        let without = "T = sum over k of coefficients[k] s^k, s the signal in signal_unit";
+        let formula =
+            if self.reference.is_some() { format!("{without}, minus reference.offset_degc") } else { without.to_owned() };
+        Some(Apply::evaluated(&formula, "temperature, degC"))
+    }
     fn validate(&self, path: &Path) -> Result<(), Finding> {
         let (order, count) = (self.polynomial.order, self.polynomial.coefficients.len());
         if count == order + 1 {

@@ -1,5 +1,5 @@
 //! Columns of other software in the types that the tables of this program have: what they have as it is, short numbers as wider ones, moments and
-//! days as text.
+//! days as text. Beside them stand these columns as they were read, for tables that pass them on.
 
 use super::columns::{each, ns_of};
 use super::guard::guarded;
@@ -8,6 +8,7 @@ use crate::data::error::Finding;
 use jiff::{SignedDuration, Timestamp, civil::Date};
 use polars::prelude::{Column, DataFrame, NamedFrom, PlSmallStr, Series};
 use polars_arrow::array::{Array, PrimitiveArray, new_empty_array};
+use polars_arrow::compute::concatenate::concatenate;
 use polars_arrow::datatypes::ArrowDataType;
 use polars_arrow::types::NativeType;
 use std::path::Path;
@@ -26,13 +27,25 @@ pub(super) fn is_own(dtype: &ArrowDataType) -> bool {
     }
 }
 
-/// Some rows of columns as a table.
+/// Columns as a file has them, by their names.
+pub(super) type AsRead = Vec<(String, Box<dyn Array>)>;
+
+/// Some rows of columns as a table, and those columns as they were read that have another type in it.
 ///
 /// # Errors
 /// A column of structures or another type that neither passes nor is a number, a text or a moment.
-pub(super) fn frame_of(path: &Path, rows: usize, columns: Vec<Pieces>) -> Result<DataFrame, Finding> {
-    let columns: Vec<Column> = columns.into_iter().map(|pieces| column_of(path, rows, pieces)).collect::<Result<_, _>>()?;
-    DataFrame::new(rows, columns).map_err(|e| refuse(path, &e))
+pub(super) fn frame_of(path: &Path, rows: usize, columns: Vec<Pieces>) -> Result<(DataFrame, AsRead), Finding> {
+    let mut as_read = AsRead::new();
+    let mut frame = Vec::with_capacity(columns.len());
+    for (name, dtype, pieces) in columns {
+        if !is_own(&dtype) {
+            let pieces: Vec<&dyn Array> = pieces.iter().map(AsRef::as_ref).collect();
+            let whole = if pieces.is_empty() { Ok(new_empty_array(dtype.clone())) } else { concatenate(&pieces) };
+            as_read.push((name.clone(), whole.map_err(|e| refuse(path, &e))?));
+        }
+        frame.push(column_of(path, rows, (name, dtype, pieces))?);
+    }
+    Ok((DataFrame::new(rows, frame).map_err(|e| refuse(path, &e))?, as_read))
 }
 
 fn column_of(path: &Path, rows: usize, (name, dtype, pieces): Pieces) -> Result<Column, Finding> {

@@ -1,5 +1,6 @@
 //! Tables as CSV and Parquet, through polars; its types appear here only.
 
+mod as_read;
 pub mod columns;
 mod footer;
 mod frames;

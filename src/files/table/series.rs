@@ -197,10 +197,11 @@ impl SeriesTable {
     ) -> Result<Vec<T>, Finding> {
         let mut out = Vec::with_capacity(self.rows);
         for batch in batches {
-            for cell in batch.texts(&self.path, name)? {
+            for (row, cell) in batch.texts(&self.path, name)?.into_iter().enumerate() {
                 let Some(value) = parse(cell.trim()) else {
                     let rule = format!("row {}: the cell in column `{name}` is no {wanted}", out.len() + 1);
-                    return Err(self.complain(rule, "correct it").found(cell.as_bytes()));
+                    let finding = self.complain(rule, "correct it").found(cell.as_bytes());
+                    return Err(batch.placed(finding, &self.path, name, row));
                 };
                 out.push(value);
             }

@@ -1,7 +1,8 @@
 //! Long tables, read and written batch by batch: CSV, Parquet, Arrow IPC.
 
+use super::as_read::AsReadWriter;
 use super::columns::ParquetFile;
-use super::frames::{frame_of, is_own};
+use super::frames::{AsRead, frame_of, is_own};
 use super::guard::guarded;
 use super::wrong;
 use crate::data::error::Finding;
@@ -29,8 +30,12 @@ const BATCH: usize = 1 << 18;
 #[derive(Clone, Debug)]
 pub struct Batch {
     frame: DataFrame,
+    /// Columns that had another type in the file, as they were read.
+    as_read: AsRead,
     /// Rows of the table before these.
     before: usize,
+    /// Lines of the rows in a file of text.
+    lines: Vec<u64>,
 }
 
 /// A table that is read batch by batch.
@@ -62,6 +67,8 @@ struct CsvRows {
     cells: usize,
     /// Lines read so far.
     line: u64,
+    /// Lines of the rows of the batch.
+    lines_of: Vec<u64>,
     /// Whether a batch was read.
     begun: bool,
 }
@@ -112,14 +119,15 @@ impl Reader {
     /// # Errors
     /// What is wrong with the file.
     pub fn next_batch(&mut self) -> Result<Option<Batch>, Finding> {
+        let plain = |frame: DataFrame| (frame, AsRead::new());
         let frame = match &mut self.source {
-            Rows::Csv(rows) => rows.next_frame(&self.path)?,
+            Rows::Csv(rows) => rows.next_frame(&self.path)?.map(plain),
             Rows::Parquet { pieces } => match pieces.next() {
                 None => None,
                 Some(piece) => {
                     let file = source::open(&self.path)?;
                     let read = || ParquetReader::new(file).with_slice(Some(piece)).finish().map_err(|e| refuse(&self.path, &e));
-                    Some(guarded(&self.path, read)?)
+                    Some(plain(guarded(&self.path, read)?))
                 }
             },
             Rows::Ipc(reader) => {
@@ -148,9 +156,13 @@ impl Reader {
             }
         };
         let before = self.done;
-        Ok(frame.map(|frame| {
+        Ok(frame.map(|(frame, as_read)| {
             self.done += frame.height();
-            Batch { frame, before }
+            let lines = match &mut self.source {
+                Rows::Csv(rows) => std::mem::take(&mut rows.lines_of),
+                _ => Vec::new(),
+            };
+            Batch { frame, as_read, before, lines }
         }))
     }
 }
@@ -171,7 +183,7 @@ fn pieces(groups: Vec<usize>) -> impl Iterator<Item = (usize, usize)> + Send {
 impl CsvRows {
     fn open(path: &Path, file: File) -> Result<Self, Finding> {
         let lines = BufReader::with_capacity(1 << 20, file);
-        let mut rows = Self { lines, header: String::new(), cells: 0, line: 0, begun: false };
+        let mut rows = Self { lines, header: String::new(), cells: 0, line: 0, lines_of: Vec::new(), begun: false };
         let mut line = Vec::new();
         loop {
             line.clear();
@@ -246,6 +258,7 @@ impl CsvRows {
     fn next_frame(&mut self, path: &Path) -> Result<Option<DataFrame>, Finding> {
         let mut text = self.header.clone().into_bytes();
         let mut rows = 0;
+        self.lines_of.clear();
         while rows < BATCH {
             let begin = text.len();
             if self.read_row(path, &mut text)? == 0 {
@@ -262,6 +275,7 @@ impl CsvRows {
                 return Err(finding.found(&text[begin..]));
             }
             rows += 1;
+            self.lines_of.push(self.line);
             let found = cells(&text[begin..]);
             if found != self.cells {
                 let rule = format!("has {found} cells where the header line has {}", self.cells);
@@ -301,6 +315,20 @@ fn cells(row: &[u8]) -> usize {
         **b == b',' && !is_quoted
     };
     row.iter().filter(divides).count() + 1
+}
+
+/// Bytes of a row before a cell; commas within quotes divide nothing.
+fn begin_of_cell(row: &[u8], cell: usize) -> usize {
+    let mut is_quoted = false;
+    let mut before = cell;
+    for (at, byte) in row.iter().enumerate() {
+        if before == 0 {
+            return at;
+        }
+        is_quoted ^= *byte == b'"';
+        before -= usize::from(*byte == b',' && !is_quoted);
+    }
+    row.len()
 }
 
 impl Batch {
@@ -348,7 +376,8 @@ impl Batch {
                 Some(text) => text.parse().map_err(|_| {
                     let row = self.before + row + 1;
                     let rule = format!("row {row}: the cell in column `{name}` is no number");
-                    Finding::error(&shown, rule, "correct it, or leave the cell empty").found(text.as_bytes())
+                    let finding = Finding::error(&shown, rule, "correct it, or leave the cell empty").found(text.as_bytes());
+                    self.placed(finding, path, name, row - self.before - 1)
                 }),
             };
             return cells.iter().enumerate().map(number).collect();
@@ -360,6 +389,21 @@ impl Batch {
         let cast = column.cast(&DataType::Float64).map_err(|e| refuse(path, &e))?;
         let values = cast.f64().map_err(|e| refuse(path, &e))?;
         Ok(values.iter().map(|v| v.unwrap_or(f64::NAN)).collect())
+    }
+
+    /// A finding with line and byte column of a cell in a file of text; `row` is that of the batch.
+    pub(super) fn placed(&self, finding: Finding, path: &Path, name: &str, row: usize) -> Finding {
+        let place = || {
+            let line = *self.lines.get(row)?;
+            let column = self.names().iter().position(|own| own == name)?;
+            // Errors are few, and the text of the row was not kept.
+            let text = BufReader::new(File::open(path).ok()?).split(b'\n').nth(usize::try_from(line).ok()? - 1)?.ok()?;
+            Some((line, begin_of_cell(&text, column) as u64 + 1))
+        };
+        match place() {
+            Some((line, column)) => finding.at(line, column),
+            None => finding,
+        }
     }
 
     /// A column of text; an empty cell is empty text. Cells of CSV are text whatever they hold.
@@ -407,7 +451,7 @@ impl Batch {
     /// Columns of unequal length.
     pub fn of_numbers(columns: Vec<(&str, Vec<f64>)>, before: usize) -> Result<Self, Finding> {
         let height = columns.first().map_or(0, |(_, values)| values.len());
-        let mut batch = Self { frame: DataFrame::empty_with_height(height), before };
+        let mut batch = Self { frame: DataFrame::empty_with_height(height), as_read: AsRead::new(), before, lines: Vec::new() };
         columns.into_iter().try_for_each(|(name, values)| batch.push(name, values))?;
         Ok(batch)
     }
@@ -424,6 +468,8 @@ pub struct Writer<'a> {
 enum To<'a> {
     Csv(CsvBatches<&'a mut Pending>),
     Parquet(Box<ParquetBatches<&'a mut Pending>>),
+    /// Parquet with columns that pass in the types of their file.
+    AsRead(Box<AsReadWriter<&'a mut Pending>>),
 }
 
 impl<'a> Writer<'a> {
@@ -449,6 +495,7 @@ impl<'a> Writer<'a> {
         match &mut self.to {
             Some(To::Csv(writer)) => writer.write_batch(&batch.frame),
             Some(To::Parquet(writer)) => writer.write_batch(&batch.frame),
+            Some(To::AsRead(writer)) => writer.write(&batch.frame, &batch.as_read),
             None => Ok(()),
         }
         .map_err(|e| wrong(&e))
@@ -462,6 +509,7 @@ impl<'a> Writer<'a> {
         match self.to {
             Some(To::Csv(mut writer)) => writer.finish(),
             Some(To::Parquet(writer)) => writer.finish().map(drop),
+            Some(To::AsRead(writer)) => writer.finish(),
             None => Ok(()),
         }
         .map_err(|e| wrong(&e))
@@ -477,10 +525,15 @@ impl<'a> To<'a> {
             file.write_all(line.as_bytes()).map_err(|e| Finding::error("table", e.to_string(), "check the disk"))?;
             return Ok(To::Csv(CsvWriter::new(file).batched(schema).map_err(|e| wrong(&e))?));
         }
-        let mark = KeyValueMetadata::from_static(vec![
+        let says = vec![
             ("written_by".to_owned(), format!("calfit {}", env!("CARGO_PKG_VERSION"))),
             ("calfit".to_owned(), note.to_owned()),
-        ]);
+        ];
+        if !first.as_read.is_empty() {
+            let writer = AsReadWriter::new(file, &first.frame, &first.as_read, says).map_err(|e| wrong(&e))?;
+            return Ok(To::AsRead(Box::new(writer)));
+        }
+        let mark = KeyValueMetadata::from_static(says);
         let writer =
             ParquetWriter::new(file).with_key_value_metadata(Some(mark)).with_compression(ParquetCompression::Zstd(None));
         Ok(To::Parquet(Box::new(writer.batched(schema).map_err(|e| wrong(&e))?)))
@@ -490,6 +543,19 @@ impl<'a> To<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn cells_of_text_are_placed_by_line_and_byte() {
+        let home = tempfile::tempdir().unwrap();
+        let path = home.path().join("t.csv");
+        std::fs::write(&path, "# of a laboratory\nname,x,y\n\"a,b\",1,2\nµ,3,abc\n").unwrap();
+        let batch = Reader::open(&path).unwrap().next_batch().unwrap().unwrap();
+        let told = batch.numbers(&path, "y").unwrap_err();
+        // The fourth line begins with a letter of two bytes.
+        assert_eq!((told.line, told.column), (Some(4), Some(6)), "{told}");
+        assert!(told.to_string().contains("row 2") && told.to_string().contains("abc"), "{told}");
+        assert_eq!(begin_of_cell(b"\"a,b\",1,2", 2), 8);
+    }
 
     #[test]
     fn groups_of_rows_are_cut_into_batches_however_many_a_damaged_file_states() {

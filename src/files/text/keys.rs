@@ -345,12 +345,15 @@ impl<'a> Group<'a> {
     }
 }
 
+/// What the remedy says of a key that is nearly a known one.
+pub const NEAREST: &str = "the nearest known key";
+
 /// The remedy for a key that is not known.
 fn nearest(name: &str, known: &[&str]) -> String {
     let nearest = known.iter().map(|key| (distance(name, key), *key)).min_by_key(|(letters, _)| *letters);
     match nearest {
         // A slip changes a letter of three at most; other keys have nothing to do with it.
-        Some((letters, key)) if 3 * letters <= name.chars().count().max(3) => format!("the nearest known key is `{key}`"),
+        Some((letters, key)) if 3 * letters <= name.chars().count().max(3) => format!("{NEAREST} is `{key}`"),
         _ => format!("known keys here are {}", known.iter().map(|key| format!("`{key}`")).collect::<Vec<_>>().join(", ")),
     }
 }

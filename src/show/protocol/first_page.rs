@@ -1,10 +1,10 @@
 //! The first page of a protocol: what became of the campaign, the final parameters of every sensor and mode at one temperature, the runs
 //! without a result, and the figures that say most.
 
-use super::{Protocol, in_words, stated};
+use super::{Protocol, RunPart, identifier, in_words, stated};
 use crate::data::across::{CalibratedRun, CommonChange, RunValues};
 use crate::data::note::{Note, NoteKind};
-use crate::data::run::Location;
+use crate::data::run::{Location, Run};
 use crate::data::run_state::{RunCounts, RunState};
 use crate::data::start::Start;
 use crate::files::campaign::file::CampaignFile;
@@ -103,6 +103,9 @@ fn facts(p: &Protocol) -> Table {
             table.push(cells![label, text]);
         }
     }
+    if stated(p.campaign, "Document").is_none() {
+        table.push(cells!["Document", identifier(p)]);
+    }
     let personnel = &p.campaign.file.stated.personnel;
     if !personnel.is_empty() {
         table.push(cells!["Personnel", personnel.join("; ")]);
@@ -111,8 +114,10 @@ fn facts(p: &Protocol) -> Table {
         table.push(cells!["Instrument", instrument]);
     }
     let starts: Vec<&Start> = p.runs.iter().filter_map(|part| part.header).map(|header| &header.start).collect();
-    if let (Some(first), Some(last)) = (starts.iter().min(), starts.iter().max()) {
-        table.push(cells!["Measurements", format!("from {first} to {last} (start of the last run)")]);
+    // Of a run that was not read its start is all that is known.
+    let of_run = |part: &RunPart| Some(part.header?.start.after(part.run.map_or(0.0, Run::duration_s)));
+    if let (Some(first), Some(last)) = (starts.iter().min(), p.runs.iter().filter_map(of_run).max()) {
+        table.push(cells!["Measurements", format!("from {first} to {last}")]);
     }
     table.push(cells!["Date of issue", &p.provenance.created]);
     table.push(cells!["Software", format!("{} {} ({})", p.provenance.tool, p.provenance.tool_version, p.provenance.build)]);

@@ -184,6 +184,7 @@ fn thermistor(sensor: &FlightSensor) -> ThermistorFile {
     ThermistorFile {
         polynomial: ThermistorPolynomial {
             table: sensor.name.clone(),
+            sensor: None,
             signal: "u".to_owned(),
             signal_unit: "V".to_owned(),
             order: coefficients.len().saturating_sub(1),

@@ -32,6 +32,8 @@ pub struct CarryRow {
     pub degc: [f64; 2],
     /// What joins its model to those of the days before.
     pub continuity: Continuity,
+    /// Names of the modes that its vectors have, with blanks between them; empty until [`Carry::find_modes`].
+    pub modes: String,
 }
 
 /// The first pass of a mission.
@@ -135,20 +137,39 @@ impl Carry {
         Ok(carry)
     }
 
+    /// Looks at the modes of all vectors, of which nothing in the levels depends.
+    ///
+    /// # Errors
+    /// What is wrong with a file of telemetry.
+    pub fn find_modes(&mut self, prepared: &Prepared) -> Result<(), Finding> {
+        let mission = &prepared.mission;
+        self.rows.par_iter_mut().try_for_each(|row| {
+            let Some(sensor) = mission.sensors.iter().find(|sensor| sensor.name == row.sensor) else { return Ok(()) };
+            let span = prepared.leap.day(row.day);
+            let mut modes: Vec<u8> = Vec::new();
+            for file in prepared.files(&sensor.name, &span) {
+                match edited::modes_in(file, sensor, mission, &prepared.leap, &span) {
+                    Ok(found) => modes.extend(found),
+                    // A damaged neighbour is told with its own day.
+                    Err(_) if file.day.is_some_and(|own| own != row.day) => {}
+                    Err(finding) => return Err(finding),
+                }
+            }
+            modes.sort_unstable();
+            modes.dedup();
+            let names = modes.iter().filter_map(|mode| mission.modes.get(usize::from(*mode))).map(|mode| mode.sid.as_str());
+            row.modes = names.collect::<Vec<_>>().join(" ");
+            Ok(())
+        })
+    }
+
     /// Writes it, whole or not at all.
     ///
     /// # Errors
     /// What the operating system says.
     pub fn write(&self, folder: &Folder, name: &str) -> Result<(), Finding> {
-        let mut sensors: Vec<String> = Vec::new();
-        let mut codes = Vec::new();
-        for row in &self.rows {
-            let code = sensors.iter().position(|s| *s == row.sensor).unwrap_or_else(|| {
-                sensors.push(row.sensor.clone());
-                sensors.len() - 1
-            });
-            codes.push(u8::try_from(code).unwrap_or(u8::MAX));
-        }
+        let (codes, sensors) = coded(self.rows.iter().map(|row| &row.sensor));
+        let (mode_codes, modes) = coded(self.rows.iter().map(|row| &row.modes));
         let day_codes: Vec<i64> = self.rows.iter().map(|row| i64::from(row.day)).collect();
         let dates: Vec<i64> = day_codes.iter().map(|day| day * 86_400 * SECOND_NS).collect();
         let number = |of: &dyn Fn(&CarryRow) -> f64| -> Vec<f64> { self.rows.iter().map(of).collect() };
@@ -167,6 +188,7 @@ impl Carry {
             ("last_tt2000", Column::Whole(&last)),
             ("t_first_degc", Column::Numbers(&t_first)),
             ("t_last_degc", Column::Numbers(&t_last)),
+            ("modes", Column::Words(&mode_codes, &modes)),
         ];
         let known =
             COLUMNS.into_iter().zip(&s).chain(SLOPES.into_iter().zip(&slopes)).chain(VARIANCES.into_iter().zip(&variances));
@@ -202,6 +224,8 @@ impl Carry {
         };
         let (sums, slopes, variances) = (three(COLUMNS)?, three(SLOPES)?, three(VARIANCES)?);
         let reset = table.whole("reset")?;
+        // Tables of earlier versions have none.
+        let modes = if table.names().iter().any(|name| name == "modes") { Some(table.words("modes")?) } else { None };
         let row = |i: usize| CarryRow {
             sensor: words.words[words.codes[i] as usize].clone(),
             day: i32::try_from(day[i]).unwrap_or(day_of(jiff::civil::Date::MAX)),
@@ -212,6 +236,7 @@ impl Carry {
                 sum_nt_per_k: slopes.each_ref().map(|c| c[i]),
                 joined: (reset[i] == 0).then(|| Joined { degc: t_first[i], variance_nt2: variances.each_ref().map(|c| c[i]) }),
             },
+            modes: modes.as_ref().map(|modes| modes.words[modes.codes[i] as usize].clone()).unwrap_or_default(),
         };
         let mut heater: BTreeMap<String, Vec<HeaterClass>> = BTreeMap::new();
         for line in table.says(HEATER).unwrap_or_default().lines() {
@@ -231,6 +256,20 @@ impl Carry {
         })?;
         Ok(Self { rows: (0..table.rows()).map(row).collect(), heater, unknown: unknown.into_iter().collect(), configuration })
     }
+}
+
+/// Words as their indices in a list of those that occur.
+fn coded<'a>(words: impl Iterator<Item = &'a String>) -> (Vec<u8>, Vec<String>) {
+    let mut list: Vec<String> = Vec::new();
+    let mut codes = Vec::new();
+    for word in words {
+        let code = list.iter().position(|own| own == word).unwrap_or_else(|| {
+            list.push(word.clone());
+            list.len() - 1
+        });
+        codes.push(u8::try_from(code).unwrap_or(u8::MAX));
+    }
+    (codes, list)
 }
 
 /// The days of a sensor, and those whose continuity is not known, with the reason.
@@ -278,7 +317,14 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
                 lost.push((from, Finding::error(&sensor.name, rule, remedy).to_string()));
             }
         }
-        rows.push(CarryRow { sensor: sensor.name.clone(), day, time: found.0, degc: found.1, continuity: Continuity::default() });
+        rows.push(CarryRow {
+            sensor: sensor.name.clone(),
+            day,
+            time: found.0,
+            degc: found.1,
+            continuity: Continuity::default(),
+            modes: String::new(),
+        });
     }
     for (row, known) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
         row.continuity = known;

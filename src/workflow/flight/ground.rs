@@ -176,6 +176,10 @@ fn of_parameter_files(
         let rule = format!("takes {}, and telemetry gives volts", polynomial.signal_unit);
         return Err(Finding::error(&shown, rule, "make it from a table of voltages"));
     }
+    if let Some(other) = polynomial.sensor.as_ref().filter(|sensor| **sensor != made.sensor) {
+        let rule = format!("is of sensor {other}, the other files are of {}", made.sensor);
+        return Err(Finding::error(&shown, rule, "name the THERMISTOR file of the same sensor"));
+    }
     // What is said of files is to be the same wherever they stand.
     let mut notes = made.notes;
     for note in &mut notes {

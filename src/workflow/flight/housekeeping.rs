@@ -5,6 +5,7 @@ use crate::data::error::Finding;
 use crate::data::time::SECOND_NS;
 use crate::files::flight::edited::{BEYOND_NS, EditedFile, day_files, plain, times_beside};
 use crate::files::flight::levels::partition;
+use crate::files::flight::text;
 use crate::files::output::Folder;
 use crate::files::source::digest;
 use crate::files::table::long::{Column, LongWriter};
@@ -306,13 +307,17 @@ fn one_day(prepared: &Prepared, options: &FlightOptions, day: i32, files: &[Edit
         place.parent().and_then(|p| p.parent()).map(|p| p.join(place.file_name().unwrap_or_default())).unwrap_or(place.clone());
     let folder = Folder::open(&place, options.force)?;
     let mut file = folder.create(&format!("calfit-HK-{}.parquet", day_name(day).replace('-', "")))?;
-    let mut writer = LongWriter::new(&mut file, &columns, says)?;
+    let mut writer = LongWriter::new(&mut file, &columns, says.clone())?;
     writer.write(&columns)?;
     writer.finish()?;
     file.finish()?;
-    let no_text = "the housekeeping has no text table: `[output] text` is of the levels A to L";
+    if prepared.mission.text {
+        // Housekeeping is processed as level A, in which it stands beside the vectors.
+        let stem = text::stem(&prepared.mission.instrument, "A", NAME, day);
+        let rows = text::HousekeepingRows { time: &time, obt_s: &obt, numbers: &numbers, whole: &whole };
+        text::write_housekeeping(&folder, &stem, &rows, leap, &says)?;
+    }
     Ok(DayMade {
-        notes: prepared.mission.text.then(|| no_text.to_owned()).into_iter().collect(),
         sensor: NAME.to_owned(),
         day: day_name(day),
         rows: RowCounts { read: time.len(), ..RowCounts::default() },

@@ -3,6 +3,7 @@
 use super::day::{Context, Product};
 use super::{Carry, Level, Prepared, day_name, housekeeping, prepare};
 use crate::data::error::{Finding, Severity};
+use crate::data::flags::Flags;
 use crate::data::note::{Note, NoteKind};
 use crate::data::time::{LeapSeconds, Tt2000, ns};
 use crate::files::flight::edited::{EditedFile, check_columns, columns, day_files, lacks, plain};
@@ -112,11 +113,17 @@ pub fn inspect(path: &Path, findings: &mut Vec<Finding>) -> Result<Vec<Inspected
             let tables = tables_of(&prepared, sensor, day, &hk_days);
             let own = prepared.leap.day(day);
             let mut inside = vec![0; tables.len()];
+            let (mut gaps, mut before) = (Vec::new(), None);
             let made = Context::new(&prepared, &carry, index, day, &wanted).make(&mut |level, product, _, _| {
                 if let (Level::A, Product::Vectors(blocks)) = (level, product) {
                     for block in blocks {
                         let times = &block.time[block.rows_in(&own)];
                         inside.iter_mut().zip(&tables).for_each(|(count, table)| *count += table.held(times));
+                        for row in block.rows_in(&own).filter(|row| Flags(block.flags[*row]).any_of(Flags::GAP)) {
+                            let earlier = row.checked_sub(1).map(|row| block.time[row]).or(before);
+                            gaps.extend(earlier.map(|from| (block.time[row] - from, from)));
+                        }
+                        before = block.time.last().copied().or(before);
                     }
                 }
                 Ok(())
@@ -126,7 +133,7 @@ pub fn inspect(path: &Path, findings: &mut Vec<Finding>) -> Result<Vec<Inspected
                     let of = made.written;
                     let covered = |(table, count): (Table, usize)| table.covered(count, of, &prepared.leap);
                     let tables = tables.into_iter().zip(inside).filter(|_| of > 0).map(covered).collect();
-                    days.push(Inspected { day: made, tables });
+                    days.push(Inspected { day: made, tables, gaps: longest(gaps, &prepared.leap) });
                 }
                 Ok(None) => {}
                 Err(finding) => {
@@ -148,6 +155,31 @@ pub struct Inspected {
     pub day: DayMade,
     /// The tables that the configuration names; none of a day without vectors.
     pub tables: Vec<Covered>,
+    /// The longest gaps between vectors of the day, the longest one first.
+    pub gaps: Vec<Gap>,
+}
+
+/// A gap between two vectors.
+#[derive(Clone, Debug, Serialize)]
+pub struct Gap {
+    /// Corrected time of the last vector before it, UTC.
+    pub from: String,
+    /// That of the first one behind it.
+    pub to: String,
+    /// Its length, s.
+    pub seconds: f64,
+}
+
+/// The longest of some gaps, by length and begin in ns.
+fn longest(mut gaps: Vec<(i64, Tt2000)>, leap: &LeapSeconds) -> Vec<Gap> {
+    const MOST: usize = 100;
+    gaps.sort_by_key(|(length, from)| (-length, *from));
+    let shown = |(length, from): &(i64, Tt2000)| Gap {
+        from: leap.utc(*from).to_string(),
+        to: leap.utc(from + length).to_string(),
+        seconds: *length as f64 * 1e-9,
+    };
+    gaps.iter().take(MOST).map(shown).collect()
 }
 
 /// How much of a day a table holds.

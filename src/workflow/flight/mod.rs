@@ -21,7 +21,7 @@ pub use daily_models::{DailyModels, DailyOptions, make_daily};
 pub use difference::{DifferenceOptions, diagnose_flight};
 pub use ground::Ground;
 pub use levels::{Level, Levels, NoLevels};
-pub use look::{Covered, Inspected, check, inspect};
+pub use look::{Covered, Gap, Inspected, check, inspect};
 pub use picture::check_day;
 
 use crate::data::error::Finding;
@@ -618,7 +618,8 @@ pub fn make_report(path: &Path, out: &Path, force: bool, findings: &mut Vec<Find
 /// What is wrong with the configuration, a file of telemetry or a daily model; what the operating system says.
 pub fn make_carry(path: &Path, out: &Path, force: bool, findings: &mut Vec<Finding>) -> Result<Carry, Finding> {
     let prepared = prepare(path, findings)?;
-    let carry = Carry::find(&prepared, true)?;
+    let mut carry = Carry::find(&prepared, true)?;
+    carry.find_modes(&prepared)?;
     let name = out.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let parent = out.parent().filter(|p| !p.as_os_str().is_empty()).map_or(Path::new("."), |p| p);
     carry.write(&Folder::open(parent, force)?, &name)?;

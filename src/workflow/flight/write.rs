@@ -252,7 +252,7 @@ impl DayWriter<'_> {
             mode: Cow::Borrowed(&means.mode),
             count: Some(Cow::Borrowed(&means.count)),
             std_nt: self.prepared.mission.uncertainty.then(|| means.covariances_nt2(blocks).each_ref().map(|c| stds_nt(c))),
-            quality: None,
+            quality: Some(Cow::Owned(means.quality(blocks))),
             flags: Cow::Borrowed(&means.flags),
         }
     }

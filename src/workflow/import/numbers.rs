@@ -2,8 +2,8 @@
 
 use crate::files::import::mapping::TemperatureUnit;
 
-/// Decimals of a run file at most: then every number of some thousands is written to its last bit.
-const MOST_DECIMALS: usize = 13;
+/// Decimals of a run file at most: then every number from a tenth on is written to its last bit.
+const MOST_DECIMALS: usize = 17;
 
 /// A value in another unit. A decimal number of up to fifteen digits stays one: 0.0123 µT is 12.3 nT and not its neighbour.
 pub(super) fn scaled(value: f64, factor: f64) -> f64 {
@@ -62,7 +62,9 @@ mod tests {
 
     #[test]
     fn decimals_are_those_that_were_written() {
-        for (value, expected) in [(0.0, 0), (1.5, 1), (0.0078, 4), (-54552.286058, 6), (0.1 + 0.2, 13), (1e15, 0)] {
+        for (value, expected) in
+            [(0.0, 0), (1.5, 1), (0.0078, 4), (-54552.286058, 6), (0.1 + 0.2, 17), (3.0172792096032395, 16), (1e15, 0)]
+        {
             assert_eq!(decimals(std::iter::once(value)), expected, "{value}");
         }
         assert_eq!(decimals([1.0, 0.25, 7.5, f64::NAN].into_iter()), 2);
