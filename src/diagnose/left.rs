@@ -138,14 +138,19 @@ impl StandingOut {
 pub(super) fn standing_out(means: &Means, all: &[&Candidate]) -> Vec<StandingOut> {
     let one = |(axis, left): (usize, Residuals)| {
         let std_ent = robust_std(left.ent.iter().copied());
-        let is_beyond = |row: usize, times: f64| left.ent[row].abs() > times * std_ent;
-        let rows: Vec<usize> = (0..left.ent.len()).filter(|row| is_beyond(*row, OUTLIER)).collect();
-        let half_as_far = (0..left.ent.len()).filter(|row| is_beyond(*row, OF_TAILS * OUTLIER)).count();
-        let has_tails = half_as_far > 2 * rows.len();
-        let is_told = std_ent > 0.0 && left.freedom >= LEAST_FREEDOM && (1..=MOST_OUTLIERS).contains(&rows.len()) && !has_tails;
+        let rows = beyond_tails(left.ent.as_slice(), std_ent);
+        let is_told = std_ent > 0.0 && left.freedom >= LEAST_FREEDOM && (1..=MOST_OUTLIERS).contains(&rows.len());
         is_told.then(|| StandingOut { axis, rows, largest_ent: left.ent.amax(), std_ent })
     };
     means.residuals(all).into_iter().enumerate().filter_map(one).collect()
+}
+
+/// Rows that are [`OUTLIER`] standard deviations off; none where the noise has heavy tails that reach as far.
+fn beyond_tails(left_ent: &[f64], std_ent: f64) -> Vec<usize> {
+    let beyond = |times: f64| (0..left_ent.len()).filter(|row| left_ent[*row].abs() > times * std_ent).collect::<Vec<usize>>();
+    let rows = beyond(OUTLIER);
+    let has_tails = beyond(OF_TAILS * OUTLIER).len() > 2 * rows.len();
+    if has_tails { Vec::new() } else { rows }
 }
 
 /// Mean white variance of the rows over that of the usual one.
@@ -220,4 +225,33 @@ pub(super) fn chain(means: &Means, model: &MeansModel, all: &[&Candidate], steps
         }
     }
     links
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fit::random::Random;
+
+    /// 400 plateaus with the noise of Student's distribution with three degrees of freedom, and as many of normal noise of which two are disturbed by
+    /// twelve and thirty standard deviations.
+    #[test]
+    fn plateaus_stand_out_of_normal_noise_and_none_of_heavy_tails() {
+        let mut random = Random::seeded(31);
+        let (mut far, mut told) = (0, 0);
+        for _ in 0..200 {
+            let mut student = || {
+                let squares: f64 = (0..3).map(|_| random.gaussian().powi(2)).sum();
+                random.gaussian() / (squares / 3.0).sqrt()
+            };
+            let heavy: Vec<f64> = (0..400).map(|_| student()).collect();
+            let std = robust_std(heavy.iter().copied());
+            far += usize::from(heavy.iter().any(|v| v.abs() > OUTLIER * std));
+            told += usize::from(!beyond_tails(&heavy, std).is_empty());
+            let mut normal: Vec<f64> = (0..400).map(|_| random.gaussian()).collect();
+            (normal[17], normal[230]) = (12.0, -30.0);
+            assert_eq!(beyond_tails(&normal, robust_std(normal.iter().copied())), [17, 230]);
+        }
+        // Of 400 such values 1.2 are expected beyond eight robust standard deviations, and eight beyond four.
+        assert!(far > 115 && told < 10, "{told} of {far}");
+    }
 }
