@@ -804,8 +804,8 @@ fn the_statement_of_another_result_stays() {
     let rows: Vec<Row> = vec![(readings([1000.0, 2000.0, 3000.0], 20.0, b_off_ent(20.0)), 20.0)];
     by_command(&[&made.tcf], &rows, &made.case, &[]);
     let out = made.case.path().join("applied");
-    let before = fs::read_to_string(out.join("raw.calibrated.json")).unwrap();
     let csv_again = by_command(&[&made.tcf], &rows, &made.case, &[]);
+    let before = fs::read_to_string(out.join("raw.calibrated.json")).unwrap();
     // Field, then uncertainties, behind the columns of the data.
     assert_eq!(csv_again.columns[6..], ["bx_nt", "by_nt", "bz_nt", "u_bx_nt", "u_by_nt", "u_bz_nt", "flags"]);
     let run = Case::of(Plan::default().run().key("sensor", "\"IB\"").key("mode", "\"m\"").text());

@@ -193,7 +193,7 @@ fn means(rise_k: Option<f64>) -> String {
         blocks.push_str(&format!("{},{},{bx},{by},{bz},1,{},{},{}\n", s.t_start, s.t_end, read(0), read(1), read(2)));
     }
     let degc = |k: f64| 20.0 + rise_k.unwrap_or(0.0) * k / 100.0;
-    let rows: String = (0..=100).map(|k| f64::from(k)).map(|k| format!("{},{},20\n", end * k / 100.0, degc(k))).collect();
+    let rows: String = (0..=100).map(f64::from).map(|k| format!("{},{},20\n", end * k / 100.0, degc(k))).collect();
     let temperatures = if rise_k.is_some() { format!("@TEMPERATURES\nt,T59,T29\n{rows}") } else { String::new() };
     format!(
         "CCR 1\nrun = \"26-01-01_00-00-00\"\nstart = \"2026-01-01T00:00:00Z\"\nkind = \"linearity\"\nsensor = \"S\"\nmode = \"m\"\n\

@@ -73,9 +73,9 @@ fn text_tables_are_made_of_what_both_sensors_share_as_well() {
         says(&label, &["NOTE = \"the table has no uncertainties\""]);
     }
     // Housekeeping is a table as well, with temperatures in kelvin.
-    let folder = set.out().join(format!("level=HK/date={day}"));
-    let table = SeriesTable::open(&folder.join("calfit-HK-20150701.parquet")).unwrap();
-    let lines = fs::read_to_string(folder.join("RPCMAG_150701_CLA_HK.TAB")).unwrap();
+    let folder = set.out().join("level=HK/date=2015-06-30");
+    let table = SeriesTable::open(&folder.join("calfit-HK-20150630.parquet")).unwrap();
+    let lines = fs::read_to_string(folder.join("RPCMAG_150630_CLA_HK.TAB")).unwrap();
     assert_eq!(lines.lines().count(), table.rows());
     let degc = table.numbers("t_ob").unwrap();
     // Behind TIME_UTC and TIME_OBT, where the Parquet file has three columns of time.
@@ -84,7 +84,7 @@ fn text_tables_are_made_of_what_both_sensors_share_as_well() {
         let cell: f64 = line.split_whitespace().nth(place).unwrap().parse().unwrap();
         assert!((cell - 273.15 - degc).abs() < 6e-4, "{line} {degc}");
     }
-    let label = fs::read_to_string(folder.join("RPCMAG_150701_CLA_HK.LBL")).unwrap();
+    let label = fs::read_to_string(folder.join("RPCMAG_150630_CLA_HK.LBL")).unwrap();
     says(&label, &["NAME = T_OB", "UNIT = \"KELVIN\"", &format!("FILE_RECORDS = {}", table.rows())]);
 }
 
