@@ -122,7 +122,7 @@ fn a_source_at_rest_costs_nothing() {
     let falling: Vec<usize> = (0..36).rev().collect();
     let mut random = Random::seeded(9);
     let mut told = 0;
-    for _ in 0..30 {
+    for _ in 0..10 {
         let rows = of_a_drifting_source(&mut random, 0.0, &falling);
         let found = corner(&rows, &options());
         told += usize::from(found.drift.is_some());
@@ -132,5 +132,5 @@ fn a_source_at_rest_costs_nothing() {
         }
     }
     // By chance in less than one run in a hundred.
-    assert!(told <= 1, "{told}");
+    assert_eq!(told, 0);
 }
