@@ -31,14 +31,14 @@
 //! `sqrt((n-1)/n Σ (θ_i - mean)²)`; but with few rows around the corner it may come out too small by chance. The larger of the two
 //! is given. By its construction hardly any single amplitude can move the corner by more than one standard deviation.
 //!
-//! # Drift
-//!
-//! Amplitudes with known noise and times are described with a drift of the gain or of the field beside every response as well ([`drift`]). Where
-//! the drift is the better description by far, the response that stands with it is the answer. Where it does about as well as the responses
-//! alone, what it would do to f_3dB is in the uncertainty. [`Corner::drift`] has both.
-//!
 //! Neither knows of several rows that are missing together. Where lost samples spoil most of the rows around the corner, another
 //! response may fit what is left: [`ModelCorner::neighbours_left_out`] counts them.
+//!
+//! # Drift
+//!
+//! Amplitudes with known noise and times are described with a drift of the gain or of the field beside every response as well. Where
+//! the drift is the better description by far, the response that stands with it is the answer. Where it does about as well as the responses
+//! alone, what it would do to f_3dB is in the uncertainty. [`Corner::drift`] has both.
 
 mod choice;
 mod describe;

@@ -23,7 +23,7 @@ pub struct Cells {
 }
 
 impl Cells {
-    /// The cells of the vectors within an interval; vectors that are null or of [`short_runs`] count as missing. `None` where the interval has no
+    /// The cells of the vectors within an interval; vectors that are null or of `short_runs` count as missing. `None` where the interval has no
     /// vector.
     #[must_use]
     pub fn of(time_tt2000: &[i64], field_nt: &[Vec<f64>; 3], interval: HeaterInterval, options: &HeaterOptions) -> Option<Self> {

@@ -5,7 +5,7 @@
 //! `σ_i (1 - ds_k)`, the offset `o_i + s db_k`, and the angle `ξ_ij + s_i s_j dα_kl` between two axes. In other orientations it sees
 //! those of other coils, so that sensor and facility are told apart. To first order the three families do not mix. What a mounting adds that
 //! stands a little beside the nominal orientation, the products of its angles with the parameters of the facility, follows from the rotation that
-//! the runs show, and is taken off ([`Oriented::beyond_first_order`]).
+//! the runs show, and is taken off (`Oriented::beyond_first_order`).
 
 use super::{ANGLES, AXES, CoilError};
 use crate::data::note::{Note, NoteKind};
