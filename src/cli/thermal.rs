@@ -9,7 +9,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{LEAST_COVERAGE, Settling};
 use crate::files::campaign::Campaign;
 use crate::files::index;
-use crate::files::parameter::{Body, FileKind, Tpf, alone_of, is_named};
+use crate::files::parameter::{Body, FileKind, Tpf, alone_of, files_of, is_named};
 use crate::measure::sweep;
 use crate::model::campaign::ThermalEntry;
 use crate::record::known::Known;
@@ -393,7 +393,7 @@ fn sort_paths(paths: &[PathBuf], terminal: &Terminal) -> Result<Sorted, Finding>
             files.push(path.clone());
         } else if path.is_dir() && Campaign::run_files(path)?.is_empty() {
             let mut found = Vec::new();
-            collect(path, 0, &mut found)?;
+            found.extend(files_of(path)?.into_iter().filter(|file| is_parameter_file(file)));
             if found.is_empty() {
                 let shown = path.display().to_string();
                 return Err(Finding::error(&shown, "the folder holds neither runs nor parameter files", "check the path"));
@@ -448,19 +448,4 @@ fn those_that_hold(folder: &Path, mut found: Vec<PathBuf>, terminal: &Terminal) 
 /// Whether a file is named like the results of single runs that take part.
 fn is_parameter_file(path: &Path) -> bool {
     FileKind::of_name(path).is_some_and(|kind| kind.point.is_some())
-}
-
-/// Parameter files of a folder and of the folders in it.
-fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), Finding> {
-    for entry in std::fs::read_dir(folder).map_err(|e| Finding::io(folder, "list the folder", &e))? {
-        let path = entry.map_err(|e| Finding::io(folder, "list the folder", &e))?.path();
-        if path.is_dir() {
-            if depth == 0 {
-                collect(&path, depth + 1, files)?;
-            }
-        } else if is_parameter_file(&path) {
-            files.push(path);
-        }
-    }
-    Ok(())
 }

@@ -8,7 +8,7 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::Finding;
 use crate::data::recipe::Recipe;
-use crate::files::parameter::{AnyFile, FileKind, read_any};
+use crate::files::parameter::{AnyFile, FileKind, files_of, read_any};
 use crate::files::source::digest;
 use crate::workflow::{Desk, Ingredients, again};
 use clap::Args;
@@ -67,7 +67,7 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     for path in &arguments.paths {
         let meta = std::fs::metadata(path).map_err(|e| Finding::io(path, "open", &e))?;
         if meta.is_dir() {
-            collect(path, 0, &mut files)?;
+            files.extend(files_of(path)?);
             others.extend(without_inputs(path, &mut homes)?);
             places.push(path.clone());
         } else {
@@ -169,25 +169,6 @@ fn without_inputs(folder: &Path, homes: &mut Homes) -> Result<Vec<Verdict>, Find
 /// A file whose hash is not that of the index.
 const CHANGED: &str = "was changed after it was written: it has another SHA-256 than the index of its folder states; take the original, or make it again";
 
-fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), Finding> {
-    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder)
-        .map_err(|e| Finding::io(folder, "list the folder", &e))?
-        .flatten()
-        .map(|entry| entry.path())
-        .collect();
-    entries.sort();
-    for path in entries {
-        if path.is_dir() {
-            if depth == 0 {
-                collect(&path, depth + 1, files)?;
-            }
-        } else if FileKind::of_name(&path).is_some() {
-            files.push(path);
-        }
-    }
-    Ok(())
-}
-
 fn compare(file: &Path, places: &[PathBuf], homes: &mut Homes, tolerance: f64, verdict: &mut Verdict) -> Result<(), Vec<String>> {
     let one = |f: Finding| vec![format!("{}; {}", f.rule, f.remedy)];
     let mut stated = read_any(file).map_err(one)?;
@@ -250,8 +231,7 @@ fn make_again(file: &Path, stated: &AnyFile, recipe: &Recipe, with: &Ingredients
     let folder = tempfile::tempdir().map_err(|e| vec![format!("no temporary folder: {e}")])?;
     let desk = Desk::plain(folder.path().to_owned());
     again(recipe, with, &desk).map_err(|e| vec![e.to_string()])?;
-    let mut paths = Vec::new();
-    collect(folder.path(), 0, &mut paths).map_err(|f| vec![f.to_string()])?;
+    let paths = files_of(folder.path()).map_err(|f| vec![f.to_string()])?;
     let read = paths.iter().map(|path| read_any(path)).collect::<Result<Vec<AnyFile>, Finding>>();
     let made = read.map_err(|f| vec![f.to_string()])?;
     // The file may have another name by now, or that of a run in a thermal group.

@@ -4,7 +4,7 @@ use super::{Desk, Failure, Job, RUN_KINDS, jobs};
 use crate::data::error::Finding;
 use crate::data::run::Kind;
 use crate::files::campaign::Campaign;
-use crate::files::parameter::FileKind;
+use crate::files::parameter::files_of;
 use crate::record::known::Known;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
@@ -41,8 +41,7 @@ pub fn own_parameters(run: &Path, model: Option<&Known>) -> Result<OwnParameters
             }
         }
     }
-    let mut files = Vec::new();
-    collect(folder.path(), &mut files);
+    let files = files_of(folder.path())?;
     Ok(OwnParameters { _folder: folder, files, linearity })
 }
 
@@ -68,16 +67,4 @@ fn nearest<'a, 'b>(job: &Job, others: &'b [Job<'a>]) -> Option<&'b Job<'a>> {
     let distance =
         |other: &&Job| other.header.as_ref().map_or(f64::INFINITY, |header| (header.start.seconds() - own.start.seconds()).abs());
     others.iter().filter(is_like).min_by(|a, b| distance(a).total_cmp(&distance(b)))
-}
-
-fn collect(folder: &Path, files: &mut Vec<PathBuf>) {
-    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-    entries.sort();
-    for path in entries {
-        if path.is_dir() {
-            collect(&path, files);
-        } else if FileKind::of_name(&path).is_some() {
-            files.push(path);
-        }
-    }
 }

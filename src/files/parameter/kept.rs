@@ -88,25 +88,33 @@ pub(super) fn numbers(kept: &[Kept]) -> Vec<&'static str> {
     kept.iter().filter(|key| matches!(key.shape, Shape::Number)).map(|key| key.key).collect()
 }
 
+/// A file without the keys whose values are not known; `None` where all are known.
+pub(super) fn without_unknown(document: &DocumentMut, kept: &[Kept]) -> Option<DocumentMut> {
+    let mut known: Option<DocumentMut> = None;
+    for key in kept {
+        let (mut above, own) = key.path();
+        let first: &dyn TableLike = document.as_table();
+        let table = above.try_fold(first, |table, name| table.get(name)?.as_table_like());
+        if !table.is_some_and(|table| table.get(own).is_some_and(is_unknown)) {
+            continue;
+        }
+        let (mut above, own) = key.path();
+        let first: &mut dyn TableLike = known.get_or_insert_with(|| document.clone()).as_table_mut();
+        if let Some(table) = above.try_fold(first, |table, name| table.get_mut(name)?.as_table_like_mut()) {
+            table.remove(own);
+        }
+    }
+    known
+}
+
 /// The text of a file without the keys whose values are not known. Text that is not TOML is left as it is.
 pub(super) fn taken_out<'a>(text: &'a str, kept: &[Kept]) -> Cow<'a, str> {
+    // Most files know all their values.
     if kept.is_empty() || !text.contains("nan") {
         return Cow::Borrowed(text);
     }
-    let Ok(mut document) = text.parse::<DocumentMut>() else { return Cow::Borrowed(text) };
-    let mut is_changed = false;
-    for key in kept {
-        let (mut above, own) = key.path();
-        let first: &mut dyn TableLike = document.as_table_mut();
-        let table = above.try_fold(first, |table, name| table.get_mut(name)?.as_table_like_mut());
-        if let Some(table) = table
-            && table.get(own).is_some_and(is_unknown)
-        {
-            table.remove(own);
-            is_changed = true;
-        }
-    }
-    if is_changed { Cow::Owned(document.to_string()) } else { Cow::Borrowed(text) }
+    let known = text.parse::<DocumentMut>().ok().and_then(|document| without_unknown(&document, kept));
+    known.map_or(Cow::Borrowed(text), |known| Cow::Owned(known.to_string()))
 }
 
 /// Whether there are numbers, and all of them are nan.

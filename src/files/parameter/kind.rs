@@ -11,7 +11,7 @@ use crate::data::provenance::{Input, Role};
 use crate::files::source::small_text;
 use crate::model::field_calibration::Frame;
 use std::fmt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// All kinds of parameter files.
 pub static KINDS: &[FileKind] = &[
@@ -184,6 +184,33 @@ pub(super) fn readable_version(format: &str, version: u32) -> Result<(), (String
 #[must_use]
 pub fn is_named<B: Body>(path: &Path) -> bool {
     FileKind::of_name(path).is_some_and(|kind| kind.format == B::FORMAT)
+}
+
+/// Parameter files of a folder and of the folders in it, by the names of both.
+///
+/// # Errors
+/// A folder cannot be listed.
+pub fn files_of(folder: &Path) -> Result<Vec<PathBuf>, Finding> {
+    let mut files = Vec::new();
+    collect(folder, 0, &mut files)?;
+    Ok(files)
+}
+
+fn collect(folder: &Path, depth: usize, files: &mut Vec<PathBuf>) -> Result<(), Finding> {
+    let wrong = |e: std::io::Error| Finding::io(folder, "list the folder", &e);
+    let entries = std::fs::read_dir(folder).map_err(wrong)?.map(|entry| entry.map(|e| e.path()));
+    let mut entries: Vec<PathBuf> = entries.collect::<Result<_, _>>().map_err(wrong)?;
+    entries.sort();
+    for path in entries {
+        if path.is_dir() {
+            if depth == 0 {
+                collect(&path, depth + 1, files)?;
+            }
+        } else if FileKind::of_name(&path).is_some() {
+            files.push(path);
+        }
+    }
+    Ok(())
 }
 
 fn check<B: Body>(path: &Path) -> Result<(), Finding> {

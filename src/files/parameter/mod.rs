@@ -31,7 +31,7 @@ use field::contradicts;
 pub(in crate::files) use field::matrix_of;
 pub use fpf::{Fpf, FrequencyConvention};
 pub use kept::Kept;
-pub use kind::{FileKind, KINDS, Naming, is_named};
+pub use kind::{FileKind, KINDS, Naming, files_of, is_named};
 pub use linearisation::{LinearisationConvention, LinearisationFile, linearisation_file_name};
 pub use model::{Model, ModelEffect, ModelParameter};
 pub use null::{Npf, NullConvention};
@@ -194,9 +194,9 @@ fn open(path: &Path) -> Result<(String, DocumentMut, Head, Input), Finding> {
         .parse()
         .map_err(|e: toml_edit::TomlError| refuse(format!("is not TOML: {}", e.message()), "take it from the archive again"))?;
     let kind = FileKind::of_format(&head.format);
-    let known = kept::taken_out(&text, kind.map_or(&[], |kind| kind.kept)).into_owned();
-    let own = if known == text { None } else { known.parse::<DocumentMut>().ok() };
+    let own = kept::without_unknown(&document, kind.map_or(&[], |kind| kind.kept));
     sound::is_sound(path, own.as_ref().unwrap_or(&document), kind.map_or(&[], |kind| kind.may_lack))?;
+    let known = own.map_or(text, |own| own.to_string());
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     Ok((known, document, head, digested.input(name)))
 }

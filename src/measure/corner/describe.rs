@@ -2,7 +2,7 @@
 
 use super::fit::{Outcome, drift_factor};
 use super::jackknife::{Replicate, jackknife};
-use super::prepared::{Prepared, relative_time};
+use super::prepared::{Prepared, relative_times};
 use super::result::{Explained, Fitted, ModelCorner};
 use super::rows::Amplitude;
 use crate::fit::statistics::std_of;
@@ -41,9 +41,10 @@ pub(super) fn describe(
         // Of a logarithm: the relative standard deviation.
         (values[j] * std_of(covariance[(j, j)])).max(jackknife(&column))
     };
-    let drift = |row: usize| drift_factor(&outcome.drift, relative_time(table, row));
-    let fitted = |row: usize| values[0] * response.value(table[row].frequency_hz, &outcome.shape) * drift(row);
-    let fitted_ent: Vec<f64> = (0..table.len()).map(fitted).collect();
+    let fitted = |(row, time): (&Amplitude, f64)| {
+        values[0] * response.value(row.frequency_hz, &outcome.shape) * drift_factor(&outcome.drift, time)
+    };
+    let fitted_ent: Vec<f64> = table.iter().zip(relative_times(table)).map(fitted).collect();
     let residual_ent = table.iter().zip(&fitted_ent).map(|(row, fitted)| row.amplitude_ent[component] - fitted).collect();
     let mut weight = vec![0.0; table.len()];
     prepared.rows.iter().zip(&outcome.found.weights).for_each(|(&row, &w)| weight[row] = w);

@@ -47,13 +47,13 @@ fn mode(values: &mut [f64]) -> Option<f64> {
     shortest.get(shortest.len() / 2).copied()
 }
 
-/// Time of a row of a table, -1 at the first and 1 at the last one; nan where one of the times is not known.
-pub(super) fn relative_time(table: &[Amplitude], row: usize) -> f64 {
+/// Times of the rows of a table, -1 at the first and 1 at the last one; nan where one of them is not known.
+pub(super) fn relative_times(table: &[Amplitude]) -> Vec<f64> {
     if table.iter().any(|row| row.usable && !row.t_s.is_finite()) {
-        return f64::NAN;
+        return vec![f64::NAN; table.len()];
     }
     let [first, last] = extremes(table.iter().filter(|row| row.usable).map(|row| row.t_s));
-    (2.0 * table[row].t_s - first - last) / (last - first)
+    table.iter().map(|row| (2.0 * row.t_s - first - last) / (last - first)).collect()
 }
 
 impl Prepared {
@@ -89,7 +89,8 @@ impl Prepared {
             below: OUTLIERS_BELOW,
             least_scatter: LEAST_SCATTER,
         };
-        let times = rows.iter().map(|&i| relative_time(table, i)).collect();
+        let all_times = relative_times(table);
+        let times = rows.iter().map(|&i| all_times[i]).collect();
         Ok(Self { rows, frequencies, times, data, dc, corners })
     }
 
