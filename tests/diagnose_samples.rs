@@ -98,6 +98,35 @@ fn a_lag_is_no_signal_inside_the_settings() {
     assert!((lag_s - 900.0).abs() < 4.0 * std_s && std_s < 20.0, "{lag_s} +- {std_s}");
 }
 
+/// A thermistor that reads more from one moment on makes of a sweep what a step of the sensitivity makes. Its own readings, which scatter by 0.01 K, tell
+/// 0.2 K; they have room for 0.05 K; and where the sensitivity steps they have room for nothing of that size.
+#[test]
+fn a_small_jump_of_the_thermistor_is_no_step_of_the_sensitivity() {
+    const JUMP_S: f64 = 4010.0;
+    for (by_k, part) in [(0.2, 0.0), (0.05, 0.0), (0.0, 4e-6)] {
+        let mut run = sweep(0.0, 0.0);
+        let mut gauss = Gauss(21);
+        for (t_s, values) in &mut run.temperatures {
+            let jump_k = if *t_s > JUMP_S { by_k } else { 0.0 };
+            values[1] = values[1].map(|degc| degc + jump_k + 0.01 * gauss.normal());
+        }
+        run.samples.iter_mut().filter(|s| s.t > JUMP_S).for_each(|s| s.reading = s.reading.map(|r| r * (1.0 + part)));
+        let found = diagnosed(&run);
+        let step = &found["steps"][0];
+        let said = [&step["effect"], &step["wording"]].map(|word| word.as_str().unwrap_or_default());
+        if by_k > 0.1 {
+            assert_eq!(said, ["bad_thermistor", "is"], "{found}");
+            let jump_k = step["parameters"][0]["value"].as_f64().unwrap();
+            assert!((jump_k - by_k).abs() < 0.05 && named(&found).len() == 1, "{found}");
+        } else if by_k > 0.0 {
+            assert_eq!(said, ["sensitivity_step", "consistent with"], "{found}");
+            assert!(step["ambiguous_with"].to_string().contains("bad_thermistor"), "{step}");
+        } else {
+            assert_eq!(said, ["sensitivity_step", "is"], "{found}");
+        }
+    }
+}
+
 /// A periodic signal with a signal to noise ratio of about 20 on x, half of it on y, in 33 settings of 4 s at 32 Hz.
 fn periodic(signal: impl Fn(f64) -> f64) -> Run {
     let levels = [-9000.0, -7000.0, -5000.0, -3000.0, -1000.0, 1000.0, 3000.0, 5000.0, 7000.0, 9000.0];

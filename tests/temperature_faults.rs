@@ -175,6 +175,17 @@ fn jumps_are_named_with_time_and_size() {
     );
 }
 
+/// A small jump and the one that takes it back are both found, also where the channel moves by half as much from reading to reading.
+#[test]
+fn a_small_jump_there_and_back_is_two() {
+    let mut gauss = Gauss(51);
+    for rate_k in [0.0, 0.3] {
+        let there = |i: f64| if (50.5..120.5).contains(&i) { 0.7 } else { 0.0 };
+        let found = of(&run(20.0, &[("T59", readings(200, 0.01, &mut gauss, |i| 17.0 + rate_k * i + there(i)))]));
+        assert!(matches!(found.as_slice(), [ChannelFault { fault: Fault::Jumps { count: 2, .. }, .. }]), "{rate_k}: {found:?}");
+    }
+}
+
 /// One wrong reading, also the first one, moves none of the others: at rest, and on a ramp of 0.3 K from reading to reading.
 #[test]
 fn a_single_wrong_reading_is_no_level() {

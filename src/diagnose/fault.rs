@@ -13,7 +13,7 @@ use crate::data::run::Run;
 use crate::fit::noise::state_space::Noise;
 use crate::model::effects::{Catalogue, EffectRef};
 use crate::record::prepared::PreparedRun;
-use crate::record::temperature_faults::Jumps;
+use crate::record::temperature_faults::{Jumps, small_jump};
 use nalgebra::DMatrix;
 
 /// Rivals of a fault that are listed.
@@ -61,7 +61,7 @@ impl<'a> Side<'a> {
 }
 
 /// Weighs every channel that jumps. One that predicts held-out readings better as it was recorded is taken so, with a note; the others are
-/// faults, confirmed by the readings or not.
+/// faults, confirmed by the readings or not. A jump that is too small to be believed by the channel alone is one where the readings confirm it.
 pub(super) fn weigh(
     prepared: &mut PreparedRun,
     run: &Run,
@@ -70,16 +70,17 @@ pub(super) fn weigh(
     catalogue: &Catalogue,
 ) -> (Vec<FoundFault>, Vec<Note>) {
     let (mut found, mut notes) = (Vec::new(), Vec::new());
+    let weighed = |[mended, recorded]: [&PreparedRun; 2]| {
+        let sides = [mended, recorded].map(|side| {
+            let given = given_between(&side.record, given);
+            Side::new(side, &readings(side), &given, catalogue)
+        });
+        let [Some(with), Some(without)] = sides else { return None };
+        Some(Weighed::new(&with, &without, mended.nt_per_ent))
+    };
     for fault in prepared.faults.clone() {
         let recorded = prepared.as_recorded(run, &fault.channel);
-        let weighed = recorded.as_ref().and_then(|recorded| {
-            let sides = [&*prepared, recorded].map(|side| {
-                let given = given_between(&side.record, given);
-                Side::new(side, &readings(side), &given, catalogue)
-            });
-            let [Some(mended), Some(recorded)] = sides else { return None };
-            Some(Weighed::new(&mended, &recorded, prepared.nt_per_ent))
-        });
+        let weighed = recorded.as_ref().and_then(|recorded| weighed([prepared, recorded]));
         match (weighed, recorded) {
             (Some(weighed), Some(recorded)) if weighed.log_ratio < -APART => {
                 notes.push(weighed.note(&fault));
@@ -89,7 +90,22 @@ pub(super) fn weigh(
             (None, _) => found.push(FoundFault { facts: fault_facts(&fault), evidence: None }),
         }
     }
+    if let Some((fault, mended)) = small(prepared, run)
+        && let Some(weighed) = weighed([&mended, prepared]).filter(|weighed| weighed.log_ratio > APART)
+    {
+        found.push(weighed.found(&fault, found.len()));
+        *prepared = mended;
+    }
     (found, notes)
+}
+
+/// A small jump of the temperature that the model of a sweep follows, and the run without it.
+fn small(prepared: &PreparedRun, run: &Run) -> Option<(Jumps, PreparedRun)> {
+    prepared.record.thermal.as_ref()?;
+    let name = &prepared.record.sensor.as_ref()?.name;
+    let fault = small_jump(&run.temperatures, name, prepared.record.span_s)?;
+    let mended = prepared.without(run, &fault)?;
+    Some((fault, mended))
 }
 
 /// A channel without its jumps against the channel as it was recorded.

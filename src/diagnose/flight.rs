@@ -83,6 +83,7 @@ fn prepared(of: &Difference) -> PreparedRun {
         windows: Vec::new(),
         displacement: None,
         notes: Vec::new(),
+        thermistor: Vec::new(),
         faults: Vec::new(),
         record,
     }

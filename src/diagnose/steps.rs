@@ -230,7 +230,7 @@ pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun, is_shifted: bo
 
 /// The facts of a thermistor that jumps, as its own readings show them: those of the sensor have not been asked.
 pub(super) fn fault_facts(fault: &Jumps) -> Facts {
-    let Jumps { channel: name, jumps, usual_k: _, readings, probability } = fault;
+    let Jumps { channel: name, jumps, usual_k: _, readings, probability, noise_k: _ } = fault;
     let list: Vec<String> = jumps.iter().map(|(t_s, size)| format!("by {size:+.2} K at {t_s:.0} s")).collect();
     let list = list.join(", ");
     let parameter = |(k, (_, size)): (usize, &(f64, f64))| Parameter {

@@ -79,6 +79,8 @@ pub struct PreparedRun {
     pub displacement: Option<Displacement>,
     /// What a person should know.
     pub notes: Vec<Note>,
+    /// Readings of the sensor's thermistor, (s since the run's start, °C), which the record has as a smooth course.
+    pub thermistor: Vec<(f64, f64)>,
     /// Damaged data: the temperatures of the record are without it.
     pub faults: Vec<temperature_faults::Jumps>,
 }
@@ -201,8 +203,21 @@ impl PreparedRun {
         let stated: Vec<Option<([f64; 3], u64)>> = parts.iter().map(|p| p.std_ent.zip(p.count)).collect();
         let scatter = if inside.is_none() { row_noise::scatter(&white, &stated) } else { None };
         let displacement = samples.and_then(|samples| displacement(&list, samples, run.header.sample_rate_hz));
-        let mut prepared =
-            Self { record, readings, design, white, inside, scatter, nt_per_ent, windows, displacement, notes, faults };
+        let thermistor = record.sensor.as_ref().and_then(|sensor| temperatures.channel(&sensor.name)).unwrap_or_default();
+        let mut prepared = Self {
+            record,
+            readings,
+            design,
+            white,
+            inside,
+            scatter,
+            nt_per_ent,
+            windows,
+            displacement,
+            notes,
+            thermistor,
+            faults,
+        };
         prepared.doubt_outliers();
         if let Some(samples) = samples {
             let shift_s = displacement.map_or(0.0, |d| d.shift_s);
@@ -311,9 +326,25 @@ impl PreparedRun {
     pub fn as_recorded(&self, run: &Run, name: &str) -> Option<Self> {
         let mut other = self.clone();
         other.faults.retain(|fault| fault.channel != name);
+        other.with_channel(&run.temperatures, name)
+    }
+
+    /// The run without jumps of a temperature channel that holds none so far; `None` where nothing rests on the channel.
+    #[must_use]
+    pub fn without(&self, run: &Run, jumps: &temperature_faults::Jumps) -> Option<Self> {
+        let mut table = run.temperatures.clone();
+        let index = table.names.iter().position(|name| *name == jumps.channel)?;
+        table.t_s.iter().zip(&mut table.values[index]).for_each(|(t_s, value)| jumps.take_off(*t_s, value));
+        let mut other = self.clone();
+        other.faults.push(jumps.clone());
+        other.with_channel(&table, &jumps.channel)
+    }
+
+    /// With a temperature channel of a table in place of its own; `None` where nothing rests on the channel.
+    fn with_channel(mut self, table: &SlowTable, name: &str) -> Option<Self> {
         let used_s: Vec<[f64; 2]> = self.record.rows.iter().map(|r| r.used_s).collect();
-        let recorded = of_rows(&run.temperatures, name, &used_s, Course::smooth)?;
-        let record = &mut other.record;
+        let recorded = of_rows(table, name, &used_s, Course::smooth)?;
+        let record = &mut self.record;
         let single = [&mut record.sensor, &mut record.coil, &mut record.rack].into_iter().flatten();
         let mut is_used = false;
         for channel in single.chain(&mut record.thermistors).filter(|c| c.name == name) {
@@ -323,10 +354,13 @@ impl PreparedRun {
         if !is_used {
             return None;
         }
-        if other.record.thermal.is_some() && other.record.sensor.as_ref().is_some_and(|s| s.name == name) {
-            other.with_temperatures(recorded.values);
+        if self.record.sensor.as_ref().is_some_and(|s| s.name == name) {
+            self.thermistor = table.channel(name).unwrap_or_default();
+            if self.record.thermal.is_some() {
+                self.with_temperatures(recorded.values);
+            }
         }
-        Some(other)
+        Some(self)
     }
 
     /// Gives a sweep the temperatures of the part that matters, which follows or leads the thermistor.

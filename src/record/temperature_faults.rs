@@ -6,7 +6,7 @@ mod jumps;
 mod level;
 mod still;
 
-pub use jumps::{Jumps, jumps_of, largest_jump_s, left_out_text, may_jump, off_level, readings, without_jumps};
+pub use jumps::{Jumps, jumps_of, largest_jump_s, left_out_text, may_jump, off_level, readings, small_jump, without_jumps};
 pub use still::{Still, without_still};
 
 use crate::data::note::{Note, NoteKind};

@@ -1,6 +1,6 @@
 //! The description of a term of the plateau means.
 
-use super::{HeldOut, Means, MeansModel, Term, each_axis, in_time};
+use super::{HeldOut, Means, MeansModel, Term, each_axis, in_time, thermistor};
 use crate::data::units::{COMPONENTS, six_digits};
 use crate::diagnose::candidate::Candidate;
 use crate::diagnose::next::{self, Named};
@@ -126,7 +126,8 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     // The term has the best value of its shape, rivals those of a grid: with those of the grid for both, none may be near. An unknown function
     // has other unknown ones as rivals, too.
     let has_near_rival = runners_up.iter().any(|r| r.log_ratio > -APART);
-    let in_time = in_time::rivals(means, &without, candidate, &own_group, &score);
+    let mut in_time = in_time::rivals(means, &without, candidate, &own_group, &score);
+    in_time.extend(thermistor::rival(means, &without, (&others, candidate), &own_group, &score));
     let apart = each_axis::rival(means, &without, candidate, &own_group, &score);
     let one_plateau_s = one_plateau_s(means, &without, (&others, candidate), &contribution, &score);
     // Why the name is not certain where no rival that is listed says it.

@@ -10,6 +10,7 @@ mod estimate;
 mod held_out;
 mod in_time;
 mod problem;
+mod thermistor;
 
 use super::candidate::{Accepted, Candidate};
 use super::explanations::{self, Scored};

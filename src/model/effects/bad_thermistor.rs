@@ -1,6 +1,7 @@
 //! A temperature channel jumps or is offset.
 
-use super::{About, Acts, Effect, Family, Record, Spec, Unseen};
+use super::offset_step::part_after;
+use super::{About, Acts, Column, Effect, Family, Record, Spec, Unseen};
 use crate::data::run::Kind;
 
 /// The form of it that a diagnosis finds.
@@ -43,4 +44,15 @@ impl Effect for BadThermistor {
         }
         Ok(Vec::new())
     }
+}
+
+/// What a jump of the thermistor by one kelvin at a time, s, leaves in the readings of a sweep, whose model is a polynomial of what it reads; `None` where
+/// the model is none.
+#[must_use]
+pub fn jump(record: &Record, onset_s: f64) -> Option<Column> {
+    let thermal = record.thermal.as_ref()?;
+    let jump = |row: usize, field_nt: [f64; 3], used_s: [f64; 2]| {
+        thermal.slope(row, field_nt).map(|slope| -slope * part_after(onset_s, used_s))
+    };
+    Some(Column::of(JUMP, "K", record, |i, row| jump(i, row.field_coil_nt, row.used_s)))
 }

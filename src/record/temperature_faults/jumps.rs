@@ -31,6 +31,8 @@ const NOISES: f64 = 4.0;
 const LIKE: f64 = 0.7;
 /// What happens in a gap is the course of the body up to so many times what it does otherwise.
 const COURSE: f64 = 3.0;
+/// Readings are written to this, K.
+const RESOLUTION_K: f64 = 1e-3;
 /// Another channel that moves by this part of it at the same time shows that the step is real.
 const SHARED: f64 = 0.3;
 
@@ -47,17 +49,19 @@ pub struct Jumps {
     pub readings: usize,
     /// Probability that noise of the channel makes the largest one.
     pub probability: f64,
+    /// Standard deviation of its changes from reading to reading by noise, K.
+    pub noise_k: f64,
 }
 
 impl Jumps {
-    /// The largest jump in units of the smallest that counts.
+    /// Signal to noise ratio of the largest jump.
     #[must_use]
     pub fn strength(&self) -> f64 {
-        self.jumps[0].1.abs() / LEAST_JUMP_K
+        self.jumps[0].1.abs() / self.noise_k.max(RESOLUTION_K)
     }
 
     /// Puts a reading, °C, at a time, s, on the level that is taken as right.
-    fn take_off(&self, t_s: f64, value: &mut f64) {
+    pub fn take_off(&self, t_s: f64, value: &mut f64) {
         *value += self.usual_k - level_k(&self.jumps, t_s);
     }
 }
@@ -105,8 +109,8 @@ impl Channel<'_> {
             far_faster_k(changes, *i).is_some_and(|over_k| over_k.abs() > LEAST_REPEATED_K && over_k.abs() > JUMP * noise_k)
         };
         let mut places: Vec<usize> = (0..changes.len()).filter(is_large).collect();
-        if let Some((t_s, _)) = step(&self.series) {
-            // A smaller step that stands alone.
+        for t_s in steps(&self.series, LEAST_JUMP_K) {
+            // A smaller step that stands alone, or there and back.
             let alone = changes.iter().position(|(place, ..)| self.series[*place].0 == t_s);
             places.extend(alone.filter(|i| !places.contains(i)));
         }
@@ -158,7 +162,8 @@ impl Channel<'_> {
         let (_, largest_k) = jumps.first().copied()?;
         let probability = self.probability_of(&changes, largest_k);
         let usual_k = usual_level_k(&self.series, &jumps);
-        Some(Jumps { channel: self.name.to_owned(), jumps, usual_k, readings: self.series.len(), probability })
+        let noise_k = self.noise_of_changes_k(&changes);
+        Some(Jumps { channel: self.name.to_owned(), jumps, usual_k, readings: self.series.len(), probability, noise_k })
     }
 }
 
@@ -208,6 +213,32 @@ fn jumps_in(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Jumps> {
     let table = &run.temperatures;
     let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
     channels.iter().find(|c| c.name == name)?.jumps_between(&channels, span_s)
+}
+
+/// A jump of a channel between two times, s since the run's start, that is too small to be believed by its readings alone; `None` where there is none.
+/// A channel with a larger one is not looked at.
+#[must_use]
+pub fn small_jump(table: &SlowTable, name: &str, span_s: [f64; 2]) -> Option<Jumps> {
+    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
+    let channel = channels.iter().find(|c| c.name == name)?;
+    if channel.jumps_between(&channels, span_s).is_some() {
+        return None;
+    }
+    let changes = channel.changes();
+    let others: Vec<&Channel> = channels.iter().filter(|c| c.name != name).collect();
+    let jump = |t_s: f64| {
+        let place = channel.series.iter().position(|(at_s, _)| *at_s == t_s)?;
+        let size_k = step_at(&channel.series, place)?;
+        let is_shared = others.iter().any(|o| o.moves_along(channel.series[place - 1].0, t_s, size_k));
+        ((span_s[0]..=span_s[1]).contains(&t_s) && !is_shared).then_some((t_s, size_k))
+    };
+    let mut jumps: Vec<(f64, f64)> = steps(&channel.series, 0.0).into_iter().filter_map(jump).collect();
+    jumps.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    let largest_k = jumps.first()?.1;
+    let probability = channel.probability_of(&changes, largest_k);
+    let usual_k = usual_level_k(&channel.series, &jumps);
+    let noise_k = channel.noise_of_changes_k(&changes);
+    Some(Jumps { channel: name.to_owned(), jumps, usual_k, readings: channel.series.len(), probability, noise_k })
 }
 
 /// All jumps of the readings of one thermistor (s, °C), in order of time: the time of the first reading behind each, s, and its size, K. Across a
@@ -354,17 +385,20 @@ fn step_at(series: &[(f64, f64)], place: usize) -> Option<f64> {
     follow(window, GAP * usual_interval_s(series)).then(|| window.iter().zip(&weights).map(|((_, v), c)| v * c).sum())
 }
 
-/// Time and size of the largest jump of a channel: a step beside a cubic over the readings around it, against what such steps are elsewhere.
-fn step(series: &[(f64, f64)]) -> Option<(f64, f64)> {
-    if series.len() < 4 * SIDES {
-        return None;
-    }
+/// Times of the largest jump of a channel and of the one that takes it back, if there is one: steps of this size, K, at least beside a cubic over
+/// the readings around them, against what such steps are elsewhere.
+fn steps(series: &[(f64, f64)], least_k: f64) -> Vec<f64> {
+    let Some(weights) = step_weights().filter(|_| series.len() >= 4 * SIDES) else { return Vec::new() };
     let longest_s = GAP * usual_interval_s(series);
-    let step = step_weights()?;
-    let size = |w: &[(f64, f64)]| if follow(w, longest_s) { w.iter().zip(&step).map(|((_, v), c)| v * c).sum() } else { 0.0 };
+    let size = |w: &[(f64, f64)]| if follow(w, longest_s) { w.iter().zip(&weights).map(|((_, v), c)| v * c).sum() } else { 0.0 };
     let sizes: Vec<f64> = series.windows(2 * SIDES).map(size).collect();
     let usual = robust_std(sizes.iter().copied());
-    let largest = (0..sizes.len()).max_by(|a, b| sizes[*a].abs().total_cmp(&sizes[*b].abs()))?;
-    let size = sizes[largest];
-    (size.abs() > LEAST_JUMP_K && size.abs() > JUMP * usual).then(|| (series[largest + SIDES].0, size))
+    let is_step = |at: &usize| sizes[*at].abs() > least_k && sizes[*at].abs() > JUMP * usual;
+    let largest_of = |places: &mut dyn Iterator<Item = usize>| places.max_by(|a, b| sizes[*a].abs().total_cmp(&sizes[*b].abs()));
+    let Some(largest) = largest_of(&mut (0..sizes.len())).filter(is_step) else { return Vec::new() };
+    let takes_back = |at: &usize| {
+        at.abs_diff(largest) > 2 * SIDES && (sizes[*at] + sizes[largest]).abs() <= (1.0 - LIKE) * sizes[largest].abs()
+    };
+    let back = largest_of(&mut (0..sizes.len()).filter(is_step).filter(takes_back));
+    [Some(largest), back].into_iter().flatten().map(|at| series[at + SIDES].0).collect()
 }

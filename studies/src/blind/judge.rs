@@ -28,9 +28,14 @@ pub fn judge(blind: &Blind) -> Verdict {
     diagnosis.map_or_else(|_| Verdict::default(), |d| Verdict { oracle_chi2, ..verdict(&d, cells as f64) })
 }
 
-/// The same with what could be found, which takes longer.
+/// The same with what could be found in runs of noise and of one effect that the means show, which takes longer.
 pub fn judge_beside_ideal(blind: &Blind) -> Verdict {
-    let ideal = prepared(blind).and_then(|prepared| ideal(&prepared, blind));
+    let counts = match blind.truth.effects.as_slice() {
+        [] => true,
+        [one] => one.identifiable && !one.seen_inside_plateaus && !one.natural_size && one.effect != UNKNOWN.as_str(),
+        _ => false,
+    };
+    let ideal = prepared(blind).filter(|_| counts).and_then(|prepared| ideal(&prepared, blind));
     Verdict { ideal, ..judge(blind) }
 }
 
