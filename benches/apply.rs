@@ -45,6 +45,7 @@ fn calibration() -> Applied {
         sensor: text(),
         mode: text(),
         frame: text(),
+        position: None,
         channel: None,
         lag: None,
         effects: None,

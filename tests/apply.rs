@@ -1107,3 +1107,97 @@ fn what_a_run_says_against_its_values_goes_with_them() {
         says(&exported, &["the gain of x jumps", "FIT: run 01-06-01_09-00-00: the residuals bend"]);
     }
 }
+
+/// The matrix of a run turns to coil axes from the position of this run. In position 2 the sensor stands turned by 180° about its z axis, so that
+/// the field along X_c would come out with the wrong sign.
+#[test]
+fn coil_axes_are_not_given_for_settings_in_another_position() {
+    let case = Case::of(Plan::default().run().text());
+    case.put(
+        "campaign.toml",
+        "[[position]]\nid = 1\naxes = [\"+X\", \"+Y\", \"+Z\"]\n[[position]]\nid = 2\naxes = [\"-X\", \"-Y\", \"+Z\"]\n\
+         [[position]]\nid = 3\naxes = [\"+X\", \"+Y\", \"+Z\"]\n",
+    );
+    case.done(&[]);
+    let cpf = case.out().join(RUN_ID).join(format!("PARAMETER_LIN__{RUN_ID}.CPF"));
+    let in_positions = |positions: &[u32]| {
+        let mut run = Plan::default().run().named("13-04-03_12-00-00");
+        let last = run.settings.len() - 1;
+        for (i, position) in positions.iter().enumerate() {
+            run.settings[last - i].position = *position;
+        }
+        case.put("13-04-03/12-00-00.CCR", run.text())
+    };
+    let out = case.path().join("applied");
+    let result = out.join("12-00-00.calibrated.parquet");
+    for (positions, words) in [(&[2][..], "position 2,"), (&[2, 4, 2][..], "positions 2, 4,")] {
+        let run = in_positions(positions);
+        let output = apply(&[&cpf], &run, &out, &["--frame", "coil"]);
+        assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+        let told = text(&output.stderr);
+        says(
+            &told,
+            &["12-00-00.CCR", "settings in ", words, "from position 1, +X +Y +Z, alone", "--frame sensor", "the CPF of a run"],
+        );
+        assert!(!result.exists());
+        done(&apply(&[&cpf], &run, &out, &[]));
+        assert!(result.exists());
+        fs::remove_file(&result).unwrap();
+    }
+    // A position of another id with the same axes is the same one.
+    done(&apply(&[&cpf], &in_positions(&[3]), &out, &["--frame", "coil"]));
+    assert!(result.exists());
+}
+
+/// The coil system stands in a room: 90 °C in its channel and 17 °C in that of the sensor are columns that were exchanged.
+#[test]
+fn exchanged_columns_of_temperatures_are_told() {
+    let made = made(9);
+    let mut run = Plan::default().run().key("sensor", "\"IB\"").key("mode", "\"m\"");
+    let mut told = |channels: [f64; 2]| {
+        run.temperatures.iter_mut().for_each(|(_, values)| *values = channels.map(Some));
+        let case = Case::of(run.text());
+        done(&apply(&[&made.tpf, &made.tof], &case.file(), &case.path().join("applied"), &[]))
+    };
+    let words = "as if the two were exchanged";
+    let right = told([17.0, 58.0]);
+    assert!(!right.contains(words), "{right}");
+    let exchanged = told([90.0, 17.0]);
+    says(&exchanged, &["warning: ", "temperature channel T29 of a room reads 90.0 °C and T59 17.0 °C", words]);
+    assert_eq!(exchanged.matches(words).count(), 1, "{exchanged}");
+}
+
+/// One reading of 85 °C between those of 20 °C, and a thermistor that is lost half-way; a course of the temperature and steps of a chamber are
+/// no jumps, nor are rows in any order.
+#[test]
+fn jumps_of_the_temperatures_of_a_table_are_told() {
+    let made = made(9);
+    let out = made.case.path().join("applied");
+    let told = |name: &str, rows: usize, at: &dyn Fn(usize) -> (f64, f64)| {
+        let row = |i: usize| {
+            let (t_s, degc) = at(i);
+            format!("{t_s:?},{},{},{},{degc:?}\n", 1000 + 7 * i, -500 + (i * i % 7) as i64, 200 + i % 3)
+        };
+        let path = made.case.path().join(name);
+        fs::write(&path, format!("t,x,y,z,t_degc\n{}", (0..rows).map(row).collect::<String>())).unwrap();
+        done(&apply(&[&made.tpf, &made.tof], &path, &out, &[]))
+    };
+    let second = |i: usize| i as f64;
+    let aside = told("aside.csv", 20, &|i| (second(i), if i == 10 { 85.0 } else { 20.0 }));
+    says(&aside, &["aside.csv: its column `t_degc` jumps 2 times, most by ", "65.0 K", "correct them if they are wrong"]);
+    let lost = told("lost.csv", 20, &|i| (second(i), if i < 10 { 20.0 + 0.01 * i as f64 } else { 0.0 }));
+    says(&lost, &["lost.csv: its column `t_degc` jumps once by -20.1 K at 10 s"]);
+    // A long table, of which not all rows are looked at: 40 000 rows with a level of 30 K.
+    let level = |i: usize, first: usize| if i < first { 20.0 } else { 50.0 };
+    let long = told("long.csv", 40_000, &|i| (second(i), level(i, 25_000) + 0.01 * (i % 7) as f64));
+    says(&long, &["long.csv: its column `t_degc` jumps once by +30.0 K at 25000 s"]);
+    let quiet: [(&str, &dyn Fn(usize) -> (f64, f64)); 3] = [
+        ("ramp.csv", &|i| (second(i), 20.0 + 0.1 * second(i))),
+        ("held.csv", &|i| (second(i), 20.0 + 2.0 * second(i / 20))),
+        ("other.csv", &|i| (second(i * 7 % 13), level(i, 150))),
+    ];
+    for (name, at) in quiet {
+        let said = told(name, 300, at);
+        assert!(!said.contains("jumps"), "{name}: {said}");
+    }
+}

@@ -402,6 +402,33 @@ fn a_disturbed_row_is_named_and_left_out() {
     assert!((file["outlier"][0]["residual_nt"].as_float().unwrap() - 25.0).abs() < 0.5);
 }
 
+/// Settings in the rows of others, or with a wrong sign of one component in the second half of the rows.
+#[test]
+fn moduli_that_are_not_those_of_the_settings_are_refused_or_told() {
+    let mut gauss = Gauss(9);
+    let settings = directions(&mut gauss);
+    let sound = run(1, &FACILITY, &settings, &[], &mut gauss);
+    let found = calibrate(std::slice::from_ref(&sound), &Options::default());
+    let is_told =
+        |found: &Scalar| found.notes.iter().any(|note| note.to_string().contains("far more than a coil system in order"));
+    assert!(!is_told(&found), "{:?}", found.notes);
+    let mut shifted = sound.clone();
+    let first = shifted.scalar[0].setting;
+    let half = shifted.scalar.len() / 2;
+    for row in half..shifted.scalar.len() {
+        shifted.scalar[row].setting = sound.scalar.get(row + 1).map_or(first, |next| next.setting);
+    }
+    let instructions = Instructions::default();
+    let refused = scalar(&[(&shifted, &instructions)], &Options::default()).unwrap_err();
+    says(&refused.to_string(), &["the moduli are not those of the settings"]);
+    let mut reversed = sound;
+    reversed.scalar[half..].iter_mut().for_each(|row| row.setting[2] = -row.setting[2]);
+    match scalar(&[(&reversed, &instructions)], &Options::default()) {
+        Ok(found) => assert!(is_told(&found), "{:?}", found.notes),
+        Err(refused) => says(&refused.to_string(), &["the moduli are not those of the settings"]),
+    }
+}
+
 #[test]
 fn directions_that_leave_parameters_open_are_refused_by_name() {
     let mut gauss = Gauss(8);

@@ -514,3 +514,28 @@ fn a_header_line_of_very_many_columns_ends_in_good_time() {
     assert!(output.status.code().is_some_and(|code| code != 0), "{}", output.status);
     says(&(common::check::text(&output.stdout) + &common::check::text(&output.stderr)), &["twice", "`c0`"]);
 }
+
+/// Clocks and names of files differ by minutes; summer time, another zone and a wrong year are more.
+#[test]
+fn a_start_that_contradicts_the_run_id_is_told_by_check_and_by_the_analysis() {
+    let at = |start: &str| Case::of(good().key("start", &format!("\"{start}\"")).text());
+    for (start, words) in [
+        ("2013-04-03T10:22:38+00:00", "60 min later"),
+        ("2013-04-03T08:22:38Z", "60 min earlier"),
+        ("2013-04-03T14:52:38Z", "5.5 h later"),
+        ("2049-04-03T09:22:38Z", "13149 days later"),
+    ] {
+        let case = at(start);
+        let told = format!("{start}, {words} than the run id 13-04-03_09-22-38 tells");
+        let said = [told.as_str(), "correct the wrong one of the two"];
+        says(&case.done(&[]), &said);
+        let check = common::check::calfit().arg("check").arg(case.campaign()).output().unwrap();
+        assert_eq!(check.status.code(), Some(0));
+        says(&common::check::text(&check.stderr), &["09-22-38.CCR:3:", "warning: ", said[0], said[1]]);
+        says(&case.cpf()["warnings"].to_string(), &said);
+    }
+    for start in ["2013-04-03T09:22:38Z", "2013-04-03T11:22:38+02:00", "2013-04-03T09:22:38+02:00", "2013-04-03T09:24:00Z"] {
+        let said = at(start).done(&[]);
+        assert!(!said.contains("than the run id"), "{start}: {said}");
+    }
+}

@@ -97,6 +97,71 @@ fn told_of_level_a(small: &Small) -> String {
     text(&output.stdout) + &text(&output.stderr)
 }
 
+/// Ten minutes of a steady field of 200, -300 and 400 nT, a vector a second in steps of 0.01 nT, and what a fault makes of the counts by the second.
+fn ten_minutes(more: &str, fault: &dyn Fn(i64, [i64; 3]) -> [i64; 3]) -> Small {
+    let configuration = PLAIN.replace("ent_per_count = 1.0", "ent_per_count = 0.01");
+    let row = |second: i64| {
+        let noise = |k: i64| (second * 7919 + k * 101) % 11 - 5;
+        let [x, y, z] = fault(second, [20_000 + noise(1), -30_000 + noise(2), 40_000 + noise(3)]);
+        format!("2015-06-29T11:{:02}:{:02}Z,{x},{y},{z},0,N\n", second / 60, second % 60)
+    };
+    let rows: String = (0..600).map(row).collect();
+    Small::new(&format!("{configuration}{more}"), &format!("{HEAD}{rows}"))
+}
+
+#[test]
+fn a_sign_or_a_gain_that_changes_within_a_day_is_told() {
+    const STEPS: &str = "the field of the sensor steps";
+    let flipped = |second: i64, [x, y, z]: [i64; 3]| [x, y, if second < 300 { z } else { -z }];
+    let half = |second: i64, counts: [i64; 3]| if second < 300 { counts } else { counts.map(|count| count / 2) };
+    let sound = |_: i64, counts: [i64; 3]| counts;
+    let told = told_of_level_a(&ten_minutes("", &flipped));
+    let at = "at 2015-06-29T11:05:00.000000000, and by no more than";
+    says(&told, &[&format!("{STEPS} by -800."), &format!("nT in z {at}"), "no table states a change there"]);
+    let told = told_of_level_a(&ten_minutes("", &half));
+    says(&told, &[&format!("{STEPS} by -100."), "nT in y, -200.", &format!("nT in z {at}")]);
+    assert!(!told_of_level_a(&ten_minutes("", &sound)).contains(STEPS));
+    // The housekeeping has the field as it is, every ten seconds: RO-IGEP-TR0028 section 4.2.2, 65535 counts over 32768 enT from -16384 enT on.
+    let count = |ent: f64| (((ent + 16_384.0) * 65_535.0 / 32_768.0).round() as i64 + 32_768) % 65_536;
+    let [x, y, z] = [200.0, -300.0, 400.0].map(count);
+    let row = |k: i64| format!("2015-06-29T11:{:02}:{:02}Z,{x},{y},{z}\n", k / 6, k % 6 * 10);
+    let rows: String = (0..60).map(row).collect();
+    let beside = |fault: &dyn Fn(i64, [i64; 3]) -> [i64; 3]| {
+        let small = ten_minutes("", fault);
+        let day = small.folder.path().join("hk/date=2015-06-29");
+        fs::create_dir_all(&day).unwrap();
+        fs::write(day.join("a.csv"), format!("time_utc,bx_ob,by_ob,bz_ob\n{rows}")).unwrap();
+        told_of_level_a(&small)
+    };
+    let from = "from 2015-06-29T11:05:00.000000000 on: one of the two";
+    let told = beside(&half);
+    says(&told, &["30 of 60 of `bx_ob` by up to 100 enT", "30 of 60 of `bz_ob` by up to 200 enT", from]);
+    let factor: f64 = told.split("all three by a factor ").nth(1).unwrap().split(' ').next().unwrap().parse().unwrap();
+    assert!((factor - 2.0).abs() < 0.01, "{told}");
+    says(&beside(&flipped), &["telemetry beside them, 30 of 60 of `bz_ob` by up to 800 enT", from]);
+    assert!(!beside(&sound).contains("readings of the housekeeping"));
+}
+
+#[test]
+fn an_offset_of_a_table_that_is_in_other_axes_is_told() {
+    // The sensor's y axis is the -x axis of the spacecraft: the field jumps by 6 nT along x there, which the table takes off.
+    let jumping = |second: i64, [x, y, z]: [i64; 3]| [x, if second < 300 { y } else { y - 600 }, z];
+    let table = |frame: &str| {
+        let jump = |from: &str, to: &str, x: &str| {
+            format!("[[sensor.jump]]\nfrom = \"{from}\"\nto = \"{to}\"\nframe = \"{frame}\"\nsubtract_nt = [{x}, 0.0, 0.0]\n")
+        };
+        let rotation = "[[sensor.rotation]]\nboom = \"deployed\"\nfrom = \"2015-01-01\"\nto = \"2016-01-01\"\n\
+                        uvw_to_sc = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]\n";
+        let middle = "2015-06-29T11:05:00Z";
+        format!("{rotation}{}{}", jump("2015-01-01", middle, "0.0"), jump(middle, "2016-01-01", "6.0"))
+    };
+    assert!(!told_of_level_a(&ten_minutes(&table("sc"), &jumping)).contains("where the table of offsets changes"));
+    // Taken off along the x axis of the sensor, it leaves 6 nT along x and makes 6 nT along y of the spacecraft.
+    let told = told_of_level_a(&ten_minutes(&table("uvw"), &jumping));
+    let at = "nT at 2015-06-29T11:05:00.000000000, where the table of offsets changes";
+    says(&told, &["the field still steps by 8.", at, "check its frame"]);
+}
+
 #[test]
 fn a_file_without_rows_is_named_and_its_day_is_missing() {
     let small = Small::new(PLAIN, &format!("{HEAD}2015-06-29T11:00:00Z,1,2,3,0,N\n"));

@@ -8,6 +8,7 @@ mod apply;
 mod browser;
 mod coil;
 mod contract_keys;
+mod contradictions;
 mod diagnose;
 mod diagnose_across;
 mod diagnose_freq;

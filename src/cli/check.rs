@@ -5,6 +5,7 @@ use super::output::{Terminal, json};
 use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
 use crate::data::index::INDEX_FILE;
+use crate::data::note::Note;
 use crate::data::run::{Kind, Vector, VectorSink};
 use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
@@ -231,7 +232,14 @@ fn check_toml(path: &Path, findings: &mut Vec<Finding>) -> Result<(), Finding> {
     } else if is_twin(&text) {
         twin::read(path, findings).map(drop)
     } else if facility::is_facility(&text) {
-        facility::read(path, findings).map(drop)
+        let shown = path.display().to_string();
+        let told = |note: &Note| {
+            let remedy = note.remedy.as_deref().unwrap_or("look at it before the file is used");
+            Finding::error(&shown, note.text.as_str(), remedy).weighing(Severity::Warning)
+        };
+        let facility = facility::read(path, findings)?;
+        findings.extend(facility.notes.iter().map(told));
+        Ok(())
     } else if !is_campaign {
         let shown = path.display().to_string();
         let keys = Keys::parse(&shown, 1, text)?;

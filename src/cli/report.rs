@@ -25,8 +25,8 @@ use crate::show::protocol::{self, Protocol, RunPart, ThermalPart};
 use crate::show::{Drawn, html, markdown};
 use crate::workflow::{
     Alone, Analyses, CentreMade, Desk, Failure, First, Job, Measured, Renewed, RunResult, ThermalInput, ThermalOptions,
-    ThermalShown, alone, by_sensor_and_mode, draw, each, jobs, linearise_group, publish_alone, publish_thermal_names, refer,
-    renew, scale_to_nt, settle,
+    ThermalShown, alone, by_sensor_and_mode, contradictions, draw, each, jobs, linearise_group, publish_alone,
+    publish_thermal_names, refer, renew, scale_to_nt, settle,
 };
 use clap::Args;
 use others::{Ground, Others, Photos, Thermistors};
@@ -109,7 +109,12 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     for about in campaign.file.remarks_on_nothing(&ids) {
         terminal.warning(&format!("campaign.toml: the remark on {about} goes with no run of the campaign; check its spelling"));
     }
-    across.beside_alone.iter().chain(&ground.lacking).for_each(|note| terminal.warning(&note.to_string()));
+    across
+        .beside_alone
+        .iter()
+        .chain(&across.contradictions)
+        .chain(&ground.lacking)
+        .for_each(|note| terminal.warning(&note.to_string()));
     let told = Told {
         runs: parts.iter().map(told::RunTold::from).collect(),
         thermal: &across.groups,
@@ -161,6 +166,8 @@ struct Across {
     not_applied: Vec<String>,
     /// Calibrations that hold beside the centre only.
     beside_alone: Vec<Note>,
+    /// Results that contradict each other.
+    contradictions: Vec<Note>,
     /// Linear calibrations of runs alone.
     alone: Vec<Alone>,
 }
@@ -252,7 +259,8 @@ impl Work<'_, '_> {
         let alone = refer(measured, alone, &groups, &self.desk);
         scale_to_nt(measured, &self.desk)?;
         let beside_alone = input.without_centre(&groups);
-        Ok(Across { groups, centres, not_applied, beside_alone, alone })
+        let contradictions = contradictions(measured, &groups, &self.campaign.file.instructions);
+        Ok(Across { groups, centres, not_applied, beside_alone, contradictions, alone })
     }
 
     /// Writes what every run gave; returns the figures of every run.
@@ -366,6 +374,7 @@ impl Work<'_, '_> {
             centres: ground.parts,
             at_centre: across.centres.iter().map(|made| (&made.result, made.file.file_name())).collect(),
             beside_alone: across.beside_alone.clone(),
+            contradictions: across.contradictions.clone(),
             coil: coil.parts,
             thermistors: thermistors.others.parts,
             photos: photos.drawn,

@@ -3,6 +3,7 @@
 use crate::measure::freq::FreqError;
 use crate::measure::lin::LinError;
 use crate::model::position::PositionError;
+use crate::record::screens::Implausible;
 use thiserror::Error;
 
 /// Why a run, or several runs together, cannot be diagnosed.
@@ -11,6 +12,9 @@ pub enum DiagnoseError {
     /// The plateaus of the run make no record that can be fitted.
     #[error("{0}")]
     Record(String),
+    /// The readings cannot be those of the settings.
+    #[error(transparent)]
+    Implausible(#[from] Implausible),
     /// The residuals of the plateau means do not determine their noise.
     #[error("the noise of the means has no estimate")]
     NoNoise,
@@ -64,7 +68,7 @@ impl DiagnoseError {
     #[must_use]
     pub fn place(&self) -> &'static str {
         match self {
-            Self::Record(_) | Self::NoNoise | Self::Linear(_) => "plateau means",
+            Self::Record(_) | Self::Implausible(_) | Self::NoNoise | Self::Linear(_) => "plateau means",
             Self::NoSamples => "samples",
             Self::Frequency(_) | Self::NoSamplingFrequency | Self::FewSines { .. } => "sines",
             Self::NoResponse | Self::FewAmplitudes { .. } => "amplitudes",
@@ -80,6 +84,9 @@ impl DiagnoseError {
         match self {
             Self::SingleRuns | Self::NoFreedom => "add runs of the same sensor: repeats, other orientations, other temperatures",
             Self::NoResponse | Self::FewAmplitudes { .. } => "measure more frequencies, from far below the corner to beyond it",
+            Self::Implausible(_) => {
+                "check that the settings and their times are those of this run and that the component works, or leave out what is wrong with --exclude"
+            }
             Self::Position(_) => "fit the run again",
             Self::Linear(_) => "see `calfit lin` for this run",
             _ => "diagnose runs with steps, sweeps, sines or zero field",

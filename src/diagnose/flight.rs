@@ -84,6 +84,7 @@ fn prepared(of: &Difference) -> PreparedRun {
         displacement: None,
         notes: Vec::new(),
         thermistor: Vec::new(),
+        lag_s: 0.0,
         faults: Vec::new(),
         record,
     }

@@ -40,7 +40,7 @@ use problem::SineSearch;
 use response::{another_base, base, response_words};
 use sines::Sines;
 
-/// Chi-square over degrees of freedom from which the base itself is doubted.
+/// Chi-square over degrees of freedom from which the base itself is doubted, and all names beside it.
 const DOUBTFUL: f64 = 1.5;
 /// What is left is told from this many times the noise of the sines on.
 const NOT_EXPLAINED: f64 = 3.0;
@@ -84,7 +84,8 @@ pub fn run(run: &Run, samples: Option<&Samples>, campaign: &Campaign, options: &
     found.extend(of_sines);
     let held = fit.held_out(&sines, STRETCH);
     let not_explained = not_explained(fit, &sines, &held);
-    if not_explained.is_some() {
+    // What is left is told later than it lets doubt what was found.
+    if fit.chi2 > DOUBTFUL * fit.dof() {
         found.iter_mut().for_each(Step::doubt);
     }
     let left = (0..3).map(|axis| map(&sines, axis, false, &held, &held, 0)).collect();

@@ -72,6 +72,7 @@ pub(super) fn find(
     let MostLikely { lag, std_s, strength, degc } = most_likely(prepared, readings, &sensor.course)?;
     let mut lagged = prepared.clone();
     lagged.with_temperatures(degc);
+    lagged.lag_s = lag.seconds().abs();
     let candidates: Vec<&Candidate> = rivals.iter().map(|e| &means.candidates[e.best]).collect();
     let Compared { without, with, log_ratios, row_std_ent } = compared(&means, &model, &candidates, &lagged, catalogue)?;
     let is_better = |(e, log_ratio): (&&Explanation, &f64)| *log_ratio >= if e.evidence > best.evidence { 0.0 } else { APART };

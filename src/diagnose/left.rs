@@ -29,6 +29,8 @@ const FLAT: f64 = 0.5;
 /// A plateau this many robust standard deviations from the others stands out, and so many of them are not told one by one. Of noise with heavy
 /// tails more than twice as many plateaus are beyond half of that: of such a noise none stands out.
 pub(super) const OUTLIER: f64 = 8.0;
+/// So many are beyond any noise, whatever its tails: what lies as far off makes all others scatter beside the fit.
+const FAR_OFF: f64 = 50.0;
 const MOST_OUTLIERS: usize = 6;
 const OF_TAILS: f64 = 0.5;
 /// With fewer degrees of freedom a fit makes half of the residuals small by itself.
@@ -145,12 +147,12 @@ pub(super) fn standing_out(means: &Means, all: &[&Candidate]) -> Vec<StandingOut
     means.residuals(all).into_iter().enumerate().filter_map(one).collect()
 }
 
-/// Rows that are [`OUTLIER`] standard deviations off; none where the noise has heavy tails that reach as far.
+/// Rows that are [`OUTLIER`] standard deviations off; where the noise has heavy tails that reach as far, those that are [`FAR_OFF`].
 fn beyond_tails(left_ent: &[f64], std_ent: f64) -> Vec<usize> {
     let beyond = |times: f64| (0..left_ent.len()).filter(|row| left_ent[*row].abs() > times * std_ent).collect::<Vec<usize>>();
     let rows = beyond(OUTLIER);
     let has_tails = beyond(OF_TAILS * OUTLIER).len() > 2 * rows.len();
-    if has_tails { Vec::new() } else { rows }
+    if has_tails { beyond(FAR_OFF) } else { rows }
 }
 
 /// Mean white variance of the rows over that of the usual one.

@@ -23,6 +23,7 @@ use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::record::conditions;
 use crate::record::position::the_position;
 use crate::record::prepared::{PreparedRun, Samples};
+use crate::record::screens;
 use nalgebra::DMatrix;
 
 /// Samples nearer to an edge than this many displacements do not show transients.
@@ -102,7 +103,13 @@ pub(super) fn run(
     let samples = steady.as_deref();
     let inside = in_samples(&prepared, samples, &settings, known, &options.catalogue);
 
-    let mut means = Means::new(&prepared, corrected(&prepared, &inside.all), &options.catalogue, given);
+    let is_displaced = inside.all.iter().any(|f| f.effect.is(&TimeShift));
+    let readings = corrected(&prepared, &inside.all);
+    if prepared.record.has_fields() && !is_displaced {
+        // Of readings that are not those of the settings nothing that was found would be true.
+        screens::followed(&readings, &prepared.left_by_design(&readings))?;
+    }
+    let mut means = Means::new(&prepared, readings, &options.catalogue, given);
     means.leave_out(|c| is_found_elsewhere(c.effect, &prepared.record, has_lag));
     for found in inside.found() {
         notes.extend(with_slow_part(&mut means, found));
@@ -114,10 +121,9 @@ pub(super) fn run(
         pictures.inside = inside_maps::of(&prepared, samples, &settings, &inside.all, inside.known, steps.len());
     }
     for found in inside.found() {
-        steps.push(inside_step(found, &prepared, inside.all.iter().any(|f| f.effect.is(&TimeShift))));
+        steps.push(inside_step(found, &prepared, is_displaced, &settings));
     }
     // A displacement of less than a sample or so is no effect of its own, but what the means are made of. One that was found is a step.
-    let is_displaced = inside.all.iter().any(|f| f.effect.is(&TimeShift));
     let mut of_plateaus: Vec<Note> = Vec::new();
     conditions::warn_of_plateaus(&mut of_plateaus, run, plateaus);
     notes.extend(of_plateaus.into_iter().filter(|note| !is_displaced || note.kind != NoteKind::Mismatch));
@@ -125,6 +131,7 @@ pub(super) fn run(
     if !inside.all.iter().any(|f| f.effect.in_samples().is_some_and(InSamples::follows_steps)) {
         notes.extend(samples::loud(plateaus));
     }
+    notes.extend(samples.filter(|_| !prepared.record.has_fields()).map(samples::still).unwrap_or_default());
     if run.vectors.lost > 0 {
         let text = conditions::lost(run.vectors.lost, run.vectors.gap_count);
         notes.push(Note::new(NoteKind::Data, text));

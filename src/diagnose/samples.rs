@@ -4,6 +4,7 @@ mod edges;
 mod loud;
 mod periodic;
 mod scatter;
+mod still;
 mod transients;
 
 use crate::fit::statistics::median;
@@ -13,6 +14,7 @@ pub use edges::displaced;
 pub use loud::loud;
 pub use periodic::periodic;
 use rayon::prelude::*;
+pub use still::still;
 pub(super) use transients::phases;
 pub use transients::transient;
 

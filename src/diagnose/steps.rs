@@ -4,6 +4,7 @@ use super::result::{Forecast, FurtherForm, Gap, Parameter, RunnerUp, ShapePoint,
 use super::samples::Inside;
 use super::{CERTAIN, next, words};
 use crate::data::units::COMPONENTS;
+use crate::fit::statistics::median;
 use crate::model::effects::bad_thermistor::{BadThermistor, JUMP, JUMP_TIME};
 use crate::model::effects::time_shift::TimeShift;
 use crate::model::effects::{Column, EffectRef, Family, Record, Spec};
@@ -203,7 +204,7 @@ pub fn shape_parameters(form: &Spec, std: impl Fn(&str, f64) -> Option<f64>) -> 
 
 /// A step found in the samples. Edges that are displaced leave something beside the settings, which comes again with these: a periodic signal
 /// beside them is not certain.
-pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun, is_shifted: bool) -> Step {
+pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun, is_shifted: bool, settings_s: &[[f64; 2]]) -> Step {
     let columns = found.effect.columns(&prepared.record, &found.spec).unwrap_or_default();
     let shape_std = |name: &str, _| found.shape_std.iter().find(|(n, _)| n == name).map(|(_, s)| *s);
     let mut parameters = linear_parameters(columns.iter().map(|c| (c.name.as_str(), c.unit)), &found.values);
@@ -216,16 +217,39 @@ pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun, is_shifted: bo
     };
     let significance = Significance::of_trials(found.p_value, found.trials, found.strength);
     let is_beside_shift = is_shifted && found.effect.about().family == Family::Periodic && !found.effect.is(&TimeShift);
+    let fits_settings = found.effect.period_s(&found.spec).is_some_and(|period_s| fits(period_s, settings_s));
     let facts = Facts {
         parameters,
         place: found.effect.place_in_samples(&found.spec),
         gaps: [gap(0), gap(1)],
         ambiguous_with: found.ambiguous_with.clone(),
-        name: if is_beside_shift { Name::Doubted } else { Name::ByStrength },
+        name: if is_beside_shift || fits_settings { Name::Doubted } else { Name::ByStrength },
+        telling: Telling { own: None, remark: if fits_settings { FITS.to_owned() } else { String::new() } },
         ..Facts::new(found.effect, found.spec.clone(), significance)
     };
     let next_measurement = (!facts.is_certain()).then(|| found.effect.about().best_measurement.to_owned());
     Facts { next_measurement, ..facts }.step()
+}
+
+/// What is said of a period that fits into the settings.
+const FITS: &str = " Its period fits into the settings: what happens in the same place of each of them looks the same.";
+
+/// Whether a whole number of periods goes from every setting to the next, as far as the length of the record tells the period.
+fn fits(period_s: f64, settings_s: &[[f64; 2]]) -> bool {
+    /// Settings of unequal lengths have no period.
+    const EQUAL: f64 = 0.01;
+    /// What happens in the same place of every setting has no more waves in it than this.
+    const MOST: f64 = 16.0;
+    let mut steps_s: Vec<f64> = settings_s.windows(2).map(|pair| pair[1][0] - pair[0][0]).collect();
+    if steps_s.is_empty() {
+        return false;
+    }
+    let usual_s = median(&mut steps_s);
+    let equal = steps_s.iter().filter(|step_s| (*step_s - usual_s).abs() <= EQUAL * usual_s).count();
+    let periods = usual_s / period_s;
+    // The record tells a frequency to one period in its length.
+    let is_whole = (periods - periods.round()).abs() * settings_s.len() as f64 <= 1.0;
+    2 * equal > steps_s.len() && (1.0..=MOST).contains(&periods.round()) && is_whole
 }
 
 /// The facts of a thermistor that jumps, as its own readings show them: those of the sensor have not been asked.
@@ -313,8 +337,9 @@ pub(super) fn sufficient(steps: &mut [Step], record: &Record, open: [bool; 3]) {
     for step in steps.iter_mut().filter(|s| s.wording == "is") {
         let acts = acts_on(step, record);
         let meets = |axes: &[bool; 3]| (0..3).any(|a| axes[a] && acts[a]);
-        // What was found in the samples does not rest on their means.
-        let is_open = step.effect.in_samples().is_none() && meets(&open);
+        // What was found in the samples does not rest on their means, but for what is periodic: something slower beats with the settings.
+        let is_of_means = step.effect.in_samples().is_none() || step.effect.period_s(&step.form).is_some();
+        let is_open = is_of_means && meets(&open);
         if is_open || (!step.effect.is_unknown() && unknown.iter().any(meets)) {
             step.doubt();
         }
@@ -337,6 +362,10 @@ fn acts_on(step: &Step, record: &Record) -> [bool; 3] {
     let Some(columns) = columns else { return [true; 3] };
     let largest = |a: usize| columns.iter().flatten().flat_map(|c| &c.values).map(|v| v[a].abs()).fold(0.0, f64::max);
     let sizes = [0, 1, 2].map(largest);
+    // A lag that is built into the temperatures of the record changes no more.
+    if sizes == [0.0; 3] {
+        return [true; 3];
+    }
     // A field along one coil axis has a little of itself on every axis of a sensor that is not quite parallel.
     sizes.map(|size| size > SMALL_PART * sizes.iter().fold(0.0, |m: f64, s| m.max(*s)))
 }

@@ -12,6 +12,7 @@ use crate::data::result::Covariance;
 use crate::data::start::{NoStart, Start};
 use crate::fit::student_factor;
 use crate::model::facility::{Facility, FacilityParameters, Period, PeriodSpan};
+use std::ops::RangeInclusive;
 use std::path::Path;
 
 /// Whether a text is that of a facility file, by a key that no other TOML file but a twin has.
@@ -20,6 +21,16 @@ pub fn is_facility(text: &str) -> bool {
     let key = |line: &str| line.split_once('=').is_some_and(|(key, _)| key.trim() == "scale_nt_per_eu");
     text.lines().any(key)
 }
+
+/// Temperatures to which a facility can refer, °C: its coils and its electronics stand in a room, or in the open air.
+const REFERENCE_DEGC: RangeInclusive<f64> = -50.0..=60.0;
+/// Zero of the Celsius scale in kelvin.
+const KELVIN: f64 = 273.15;
+/// The axes of coil systems are adjusted to minutes of arc: those of CH-GFZ-TR-2601 deviate from right angles by 0.034 degrees. Beyond this
+/// deviation, degrees, the angles are told.
+const ADJUSTED_DEG: f64 = 0.5;
+/// Beyond this deviation, degrees, which the eye sees, they are angles of no coil system.
+const MOST_DEG: f64 = 5.0;
 
 /// Keys that a facility has by itself, or in every period.
 const PART: [&str; 12] = [
@@ -97,6 +108,7 @@ pub fn read(path: &Path, findings: &mut Vec<Finding>) -> Result<Facility, Findin
         None => [None, None],
     };
     notes.extend(undetermined(&keys.root(), &name)?);
+    notes.extend(beside_right_angles(&periods, &name));
     // Tables of others may hold nan; what a facility needs is read as finite numbers.
     is_sound_table(&shown, keys.table(), &keys.root().names())?;
     Ok(Facility { input: digested.input(name).with_role(Role::Facility), periods, valid_coil_degc, valid_rack_degc, notes })
@@ -115,6 +127,46 @@ fn undetermined(root: &Group, file: &str) -> Result<Option<Note>, Finding> {
     );
     let note = Note { of: Some(file.to_owned()), ..Note::new(NoteKind::Facility, text) };
     Ok(Some(note.with_remedy("make it with --facility and the covariance of a scalar calibration")))
+}
+
+/// By how much angles deviate from right ones, degrees.
+fn deviation_deg(angles_deg: [f64; 3]) -> f64 {
+    angles_deg.iter().map(|angle| (angle - 90.0).abs()).fold(0.0, f64::max)
+}
+
+/// Angles that are possible, and far from those of coil systems.
+fn beside_right_angles(periods: &[Period], file: &str) -> Option<Note> {
+    let most_deg = periods.iter().map(|period| deviation_deg(period.part.angles_deg)).fold(0.0, f64::max);
+    if most_deg <= ADJUSTED_DEG {
+        return None;
+    }
+    let text = format!(
+        "the angles between its coils deviate from right angles by up to {most_deg:.3}°; those of coil systems do by minutes of arc"
+    );
+    let note = Note { of: Some(file.to_owned()), ..Note::new(NoteKind::Facility, text) };
+    Some(note.with_remedy("check that `angles_deg` is in degrees: 2 minutes of arc are 0.0333"))
+}
+
+/// The temperature to which values refer, °C, under one of two keys.
+fn reference(table: &Group, one: &str, other: &str) -> Result<Option<f64>, Finding> {
+    let first = table.number(one)?.map(|degc| (one, degc));
+    let Some((key, degc)) = first.or(table.number(other)?.map(|degc| (other, degc))) else { return Ok(None) };
+    // Below absolute zero it is refused as in any table.
+    if REFERENCE_DEGC.contains(&degc) || degc < -KELVIN {
+        return Ok(Some(degc));
+    }
+    let rule = format!(
+        "is no temperature of a coil system or of its electronics, which stand at {} to {} °C",
+        REFERENCE_DEGC.start(),
+        REFERENCE_DEGC.end()
+    );
+    let from_kelvin = degc - KELVIN;
+    let remedy = if REFERENCE_DEGC.contains(&from_kelvin) {
+        format!("write it in °C: {degc} K are {from_kelvin:.2} °C")
+    } else {
+        "write it in °C".to_owned()
+    };
+    Err(table.refuse(key, &rule, &remedy))
 }
 
 /// A smallest and a largest value.
@@ -206,17 +258,16 @@ fn widening(root: &Group, parameter: &str) -> Result<f64, Finding> {
 
 fn part(table: &Group) -> Result<FacilityParameters, Finding> {
     let needed = |key: &str| table.three(key)?.ok_or_else(|| table.missing(key));
-    let either = |one: &str, other: &str| -> Result<Option<f64>, Finding> { Ok(table.number(one)?.or(table.number(other)?)) };
     let part = FacilityParameters {
         scale_nt_per_eu: needed("scale_nt_per_eu")?,
         offset_nt: needed("offset_nt")?,
         angles_deg: needed("angles_deg")?,
         scale_per_k: table.three("scale_per_k")?,
         offset_nt_per_k: table.three("offset_nt_per_k")?,
-        reference_degc: either("reference_degc", "reference_temperature_degc")?,
+        reference_degc: reference(table, "reference_degc", "reference_temperature_degc")?,
         rack_scale_per_k: table.three("rack_scale_per_k")?,
         rack_offset_nt_per_k: table.three("rack_offset_nt_per_k")?,
-        rack_reference_degc: either("rack_reference_degc", "rack_reference_temperature_degc")?,
+        rack_reference_degc: reference(table, "rack_reference_degc", "rack_reference_temperature_degc")?,
     };
     if part.scale_nt_per_eu.iter().any(|s| *s <= 0.0) {
         return Err(table.refuse("scale_nt_per_eu", "must be positive", "write the nT of one unit of the setting per axis"));
@@ -233,6 +284,11 @@ fn part(table: &Group) -> Result<FacilityParameters, Finding> {
             "are angles that no three axes have between them",
             "correct the angles XY, XZ, YZ",
         ));
+    }
+    let most_deg = deviation_deg(part.angles_deg);
+    if most_deg > MOST_DEG {
+        let rule = format!("deviate from right angles by up to {most_deg:.1}°, which those of no coil system do");
+        return Err(table.refuse("angles_deg", &rule, "write the angles XY, XZ, YZ between the coils in degrees, near 90"));
     }
     Ok(part)
 }
@@ -322,6 +378,50 @@ mod tests {
             let said = told(&text);
             assert!(said.contains(key) && said.contains(nearest) && said.contains("not known"), "{text}: {said}");
         }
+    }
+
+    /// The angles of CH-GFZ-TR-2601 section 6 are 90.0031, 89.9962 and 89.9664 degrees: 0.186, -0.228 and -2.016 minutes of arc from right ones.
+    #[test]
+    fn angles_in_minutes_of_arc_are_told_and_those_of_no_coil_system_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("facility.toml");
+        let read_with = |angles: &str| {
+            let text = format!("scale_nt_per_eu = [1, 1, 1]\noffset_nt = [1, 2, 3]\nangles_deg = {angles}\n");
+            std::fs::write(&path, text).unwrap();
+            read(&path, &mut Vec::new())
+        };
+        for right in ["[90.0031, 89.9962, 89.9664]", "[90.1, 90.0, 89.6]"] {
+            let notes = read_with(right).unwrap().notes;
+            assert!(notes.is_empty(), "{right}: {notes:?}");
+        }
+        let notes = read_with("[90.186, 89.772, 87.984]").unwrap().notes;
+        let [note] = notes.as_slice() else { panic!("{notes:?}") };
+        let said = note.to_string();
+        assert!(said.contains("facility.toml: ") && said.contains("2.016°") && said.contains("minutes of arc"), "{said}");
+        for wrong in ["[78.0, 90.0, 90.0]", "[0.0031, 0.0038, 0.0336]", "[90.0, 90.0, 101.5]"] {
+            let error = read_with(wrong).unwrap_err().to_string();
+            assert!(error.contains("facility.toml:3:") && error.contains("angles_deg"), "{wrong}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_reference_temperature_in_kelvin_is_refused_with_its_value_in_degrees_celsius() {
+        let plain = "scale_nt_per_eu = [0.9, 1.0, 1.1]\noffset_nt = [1, 2, 3]\nangles_deg = [90.1, 90.0, 89.9]\n";
+        for (key, kelvin, degc) in [
+            ("reference_degc", "289.65", "16.50 °C"),
+            ("reference_temperature_degc", "293.15", "20.00 °C"),
+            ("rack_reference_degc", "305.15", "32.00 °C"),
+            ("rack_reference_temperature_degc", "305.15", "32.00 °C"),
+        ] {
+            let error = parse(&format!("{plain}{key} = {kelvin}\n")).unwrap_err().to_string();
+            for words in [key, kelvin, degc, "-50 to 60 °C"] {
+                assert!(error.contains(words), "{key}: {error}");
+            }
+        }
+        // Fahrenheit, and the last temperatures that are possible.
+        assert!(parse(&format!("{plain}reference_degc = 68.0\n")).is_err());
+        assert_eq!(parse(&format!("{plain}reference_degc = 60.0\n")).unwrap().reference_degc, Some(60.0));
+        assert_eq!(parse(&format!("{plain}rack_reference_degc = -50.0\n")).unwrap().rack_reference_degc, Some(-50.0));
     }
 
     #[test]

@@ -36,6 +36,8 @@ pub struct Course {
     pub time: Vec<Tt2000>,
     /// nT.
     pub field_nt: [Vec<f64>; 3],
+    /// Index of the mode of the first vector; empty if it is not wanted.
+    pub mode: Vec<u8>,
 }
 
 impl Course {
@@ -51,6 +53,7 @@ impl Course {
                     out.divide(count);
                     out.time.push(second);
                     out.field_nt.iter_mut().for_each(|c| c.push(0.0));
+                    out.mode.extend(block.mode.get(row));
                     count = 0.0;
                 }
                 count += 1.0;
@@ -64,6 +67,17 @@ impl Course {
 
     fn divide(&mut self, count: f64) {
         self.field_nt.iter_mut().filter_map(|c| c.last_mut()).for_each(|sum| *sum /= count);
+    }
+
+    /// The seconds of one mode.
+    #[must_use]
+    pub fn of_mode(&self, mode: u8) -> Self {
+        let rows: Vec<usize> = (0..self.mode.len()).filter(|row| self.mode[*row] == mode).collect();
+        Self {
+            time: rows.iter().map(|row| self.time[*row]).collect(),
+            field_nt: self.field_nt.each_ref().map(|list| rows.iter().map(|row| list[*row]).collect()),
+            mode: vec![mode; rows.len()],
+        }
     }
 
     pub(super) fn vector(&self, row: usize) -> Vector3<f64> {
@@ -173,11 +187,13 @@ mod tests {
             Course {
                 time: (0..SECONDS as i64).map(|k| k * SECOND_NS).collect(),
                 field_nt: [0, 1, 2].map(|i| rows.iter().map(|v| v[i]).collect()),
+                ..Course::default()
             }
         };
         let second = Course {
             time: (0..SECONDS as i64).map(|k| k * SECOND_NS).collect(),
             field_nt: [0, 1, 2].map(|i| both[1].iter().map(|v| v[i]).collect()),
+            ..Course::default()
         };
         let axes = |time: Tt2000| Some(turn((time / SECOND_NS) as usize).transpose());
         compare(&to_sc(&both[0], fault), &second, &axes)
@@ -226,5 +242,8 @@ mod tests {
         let found = Course::of(&blocks, &(100..100 + 60 * SECOND_NS));
         assert_eq!(found.time, [100, 100 + SECOND_NS]);
         assert_eq!(found.field_nt, [vec![0.5, 2.5], vec![2.0; 2], vec![-1.0; 2]]);
+        let modes = Course { mode: vec![3, 1], ..found };
+        assert_eq!((modes.of_mode(1).time, modes.of_mode(1).field_nt[0].clone()), (vec![100 + SECOND_NS], vec![2.5]));
+        assert_eq!(modes.of_mode(2), Course::default());
     }
 }

@@ -7,6 +7,7 @@ use super::comparison::Course;
 use crate::data::time::{SECOND_NS, Tt2000};
 use crate::fit::statistics::median;
 use nalgebra::Vector3;
+use std::collections::BTreeSet;
 
 /// A change is that over at least so long, s: noise of single seconds is small beside it, and a delay of seconds is not,
 const LEAST_CHANGE_S: i64 = 8;
@@ -27,6 +28,9 @@ const FEWER_SQUARES: f64 = 1.25;
 const CLEAR: f64 = 15.0;
 /// and it is so many times its standard uncertainty.
 const STDS: f64 = 5.0;
+/// Vectors of a mode may lie at other parts of their second in either sensor: with means of seconds that is up to 1 s of delay. One of a single mode is
+/// told if it is so much, s.
+const LEAST_OF_MODE_S: f64 = 2.0;
 
 /// How late one sensor is against another one.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,6 +94,15 @@ pub fn delay(first: &Course, second: &Course) -> Option<Delay> {
     is_clear.then_some(Delay { second_late_s, std_s })
 }
 
+/// The delays in those seconds that the first sensor has in one mode, with the mode: a time shift that is wrong is that of one mode, and the others of a
+/// day hide it.
+#[must_use]
+pub fn delays_of_modes(first: &Course, second: &Course) -> Vec<(u8, Delay)> {
+    let modes: BTreeSet<u8> = first.mode.iter().copied().collect();
+    let of = |mode: u8| delay(&first.of_mode(mode), second).map(|found| (mode, found));
+    modes.into_iter().filter_map(of).filter(|(_, found)| found.second_late_s.abs() >= LEAST_OF_MODE_S).collect()
+}
+
 /// The changes of a course, one after the other, without jumps, and the usual one, nT.
 fn changes(course: &Course) -> (Vec<Change>, f64) {
     let mut changes: Vec<Change> = Vec::new();
@@ -116,7 +129,7 @@ mod tests {
 
     /// An hour of a field that moves within a minute, with noise of either sensor, a heater that the second one sees 1.3 times as strong, an offset
     /// that jumps at either, and 100 s of readings that have nothing to do with it; the second one has a mean every so many seconds.
-    fn found(late_s: usize, every_s: usize) -> Option<Delay> {
+    fn courses(late_s: usize, every_s: usize) -> [Course; 2] {
         const SECONDS: usize = 3600;
         let mut random = Random::seeded(7);
         let mut noise = |std: f64| Vector3::from_fn(|_, _| std * random.gaussian());
@@ -135,10 +148,30 @@ mod tests {
         let course = |rows: Vec<usize>, of: &dyn Fn(usize) -> Vector3<f64>| Course {
             time: rows.iter().map(|row| *row as i64 * SECOND_NS).collect(),
             field_nt: [0, 1, 2].map(|i| rows.iter().map(|row| of(*row)[i]).collect()),
+            mode: rows.iter().map(|row| u8::from(*row >= 1200)).collect(),
         };
         let first = course((0..SECONDS).collect(), &|row| both[0][row]);
         let second = course((late_s..SECONDS).step_by(every_s).collect(), &|row| both[1][row - late_s]);
+        [first, second]
+    }
+
+    fn found(late_s: usize, every_s: usize) -> Option<Delay> {
+        let [first, second] = courses(late_s, every_s);
         delay(&first, &second)
+    }
+
+    #[test]
+    fn a_time_shift_of_one_mode_is_told_though_the_others_hide_it() {
+        // The first 20 minutes are of mode 0: the times of the first sensor are early there by 16 s, and right in the other 40.
+        let with = |early_s: i64| {
+            let [mut first, second] = courses(0, 8);
+            let wrong = first.of_mode(0).time.len();
+            first.time[..wrong].iter_mut().for_each(|time| *time -= early_s * SECOND_NS);
+            delays_of_modes(&first, &second)
+        };
+        assert!(with(0).is_empty());
+        let found = with(16);
+        assert!(found.len() == 1 && found[0].0 == 0 && (found[0].1.second_late_s - 16.0).abs() < 0.5, "{found:?}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Housekeeping telemetry to physical units (RO-IGEP-TR0028 section 4.2.2), and whether it agrees with the telemetry.
 
 use crate::data::time::{SECOND_NS, Tt2000};
+use std::ops::Range;
 
 /// Unsigned telemetry counts of `bits` bits, whose middle is zero, as counts from the lowest value.
 #[must_use]
@@ -44,14 +45,48 @@ const LEAST_READINGS: usize = 20;
 /// Two channels agree of which at most this part of the readings differ: the field turns within seconds when a boom moves.
 const MOST_APART: f64 = 0.1;
 
+/// Of a part of a day in which two channels differ this part of the readings does,
+const APART: f64 = 0.9;
+/// and so many readings are outside of it, where they agree.
+const LEAST_OUTSIDE: usize = 5;
+
+fn is_apart([own, telemetry]: &[f64; 2], floor: f64, part: f64) -> bool {
+    (own - telemetry).abs() > floor + part * telemetry.abs()
+}
+
 /// Readings of the housekeeping that differ from those of the telemetry beside them by more than `floor` and a part of these; how many, and by how
 /// much at most. `None` where the two agree, or are too few to say it.
 #[must_use]
 pub fn differing(pairs: &[[f64; 2]], floor: f64, part: f64) -> Option<(usize, f64)> {
-    let differences = pairs.iter().filter(|[own, telemetry]| (own - telemetry).abs() > floor + part * telemetry.abs());
+    let differences = pairs.iter().filter(|pair| is_apart(pair, floor, part));
     let (count, most) = differences.fold((0, 0.0_f64), |(n, most), [own, telemetry]| (n + 1, most.max((own - telemetry).abs())));
     let is_enough = pairs.len() >= LEAST_READINGS && count as f64 >= MOST_APART * pairs.len() as f64;
     is_enough.then_some((count, most))
+}
+
+/// The readings, in the order of their times, in which one of some channels differs from the telemetry, where these are a part of a day and both agree
+/// outside of it: another gain or sign from a moment on, or for some time. `None` where there is no such part; the channels have the same times.
+#[must_use]
+pub fn part_apart(channels: &[Vec<[f64; 2]>], floor: f64, part: f64) -> Option<Range<usize>> {
+    let count = channels.iter().map(Vec::len).min()?;
+    let apart: Vec<bool> = (0..count).map(|row| channels.iter().any(|list| is_apart(&list[row], floor, part))).collect();
+    // The part with the most readings that differ, less those that agree.
+    let (mut best, mut most) = (0..0, 0);
+    let (mut from, mut sum) = (0, 0);
+    for (row, is_apart) in apart.iter().enumerate() {
+        if sum <= 0 {
+            (from, sum) = (row, 0);
+        }
+        sum += if *is_apart { 1 } else { -1 };
+        if sum > most {
+            (best, most) = (from..row + 1, sum);
+        }
+    }
+    let inside = apart[best.clone()].iter().filter(|own| **own).count();
+    let outside = apart.iter().filter(|own| **own).count() - inside;
+    let (length, rest) = (best.len(), count - best.len());
+    let is_part = length >= LEAST_READINGS && inside as f64 >= APART * length as f64;
+    (is_part && rest >= LEAST_OUTSIDE && outside as f64 <= MOST_APART * rest as f64).then_some(best)
 }
 
 /// The factor by which all three components of the housekeeping are those of the telemetry; `None` without one.
@@ -155,6 +190,23 @@ mod tests {
         assert_eq!(differing(&pairs(3), 5.0, 0.05), None);
         assert_eq!(differing(&pairs(40), 10.0, 0.05), None);
         assert_eq!(differing(&pairs(40)[..19], 5.0, 0.05), None);
+    }
+
+    #[test]
+    fn a_part_of_a_day_is_one_outside_of_which_the_channels_agree() {
+        // 80 readings of a channel, and another one that agrees.
+        let part = |is_wrong: &dyn Fn(usize) -> bool| {
+            let own = (0..80).map(|row| [if is_wrong(row) { 400.0 } else { 201.0 }, 200.0]).collect::<Vec<[f64; 2]>>();
+            part_apart(&[vec![[50.0, 51.0]; 80], own], 10.0, 0.05)
+        };
+        assert_eq!(part(&|row| row >= 50), Some(50..80));
+        assert_eq!(part(&|row| row < 30 && row != 11), Some(0..30));
+        assert_eq!(part(&|row| (30..55).contains(&row) || row == 70), Some(30..55));
+        // Too short, all day, and now and then.
+        assert_eq!(part(&|row| row >= 61), None);
+        assert_eq!(part(&|_| true), None);
+        assert_eq!(part(&|row| row % 3 == 0), None);
+        assert_eq!(part(&|_| false), None);
     }
 
     #[test]

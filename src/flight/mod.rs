@@ -13,6 +13,7 @@ pub mod daily;
 pub mod daily_fit;
 pub mod delay;
 pub mod disturbance;
+pub mod field_steps;
 pub mod ground;
 pub mod heater;
 pub mod housekeeping;

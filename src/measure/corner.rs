@@ -41,6 +41,7 @@
 //! alone, what it would do to f_3dB is in the uncertainty. [`Corner::drift`] has both.
 
 mod choice;
+mod course;
 mod describe;
 mod drift;
 mod fit;

@@ -2,6 +2,7 @@
 
 pub mod centre;
 pub mod coil;
+pub mod compare;
 pub mod corner;
 pub mod freq;
 pub mod joint;

@@ -81,6 +81,8 @@ pub struct PreparedRun {
     pub notes: Vec<Note>,
     /// Readings of the sensor's thermistor, (s since the run's start, °C), which the record has as a smooth course.
     pub thermistor: Vec<(f64, f64)>,
+    /// By how long the temperatures of the rows follow or lead the thermistor, s: so near to the begin and end of its readings they are not known.
+    pub lag_s: f64,
     /// Damaged data: the temperatures of the record are without it.
     pub faults: Vec<temperature_faults::Jumps>,
 }
@@ -216,6 +218,7 @@ impl PreparedRun {
             displacement,
             notes,
             thermistor,
+            lag_s: 0.0,
             faults,
         };
         prepared.doubt_outliers();
@@ -255,8 +258,7 @@ impl PreparedRun {
         if self.record.has_samples || n < LEAST_FOR_OUTLIERS {
             return;
         }
-        let q = self.design.clone().qr().q();
-        let left = &self.readings - &q * q.tr_mul(&self.readings);
+        let left = self.left_by_design(&self.readings);
         for a in 0..3 {
             let column: Vec<f64> = left.column(a).iter().copied().collect();
             // Against its neighbours: what changes slowly is no outlier.
@@ -273,6 +275,13 @@ impl PreparedRun {
                 }
             }
         }
+    }
+
+    /// What the linear model leaves of readings, a row per row, enT: plain least squares.
+    #[must_use]
+    pub fn left_by_design(&self, readings: &DMatrix<f64>) -> DMatrix<f64> {
+        let q = self.design.clone().qr().q();
+        readings - &q * q.tr_mul(readings)
     }
 
     /// What the model of a sweep leaves of the readings with other temperatures of the rows: the sum of its squares, enT².
@@ -369,6 +378,7 @@ impl PreparedRun {
             && let Some(sensor) = &self.record.sensor
         {
             let lagged = lag.of(&sensor.course);
+            self.lag_s = lag.seconds().abs();
             self.with_temperatures(self.record.rows.iter().map(|r| interpolate(&lagged, r.t_s())).collect());
         }
     }

@@ -95,6 +95,8 @@ pub struct Protocol<'a> {
     pub at_centre: Vec<(&'a AtCentre, String)>,
     /// Calibrations across temperatures that hold beside the centre only.
     pub beside_alone: Vec<Note>,
+    /// Results that contradict each other.
+    pub contradictions: Vec<Note>,
     /// Calibrations of the coil system.
     pub coil: Vec<OtherPart>,
     /// Calibration tables of thermistors.

@@ -1,7 +1,7 @@
 //! Every run of a campaign by the analysis of its kind, each read once.
 
 use super::kind::{RUN_KINDS, RunAnalysis, RunMade};
-use super::{Alone, Desk, Drawn, Failure, Job, Made, PerRun, RunResult, read};
+use super::{Alone, Desk, Drawn, Failure, Job, Made, PerRun, RunResult, ThermalShown, read};
 use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::{Finding, Severity};
@@ -13,8 +13,11 @@ use crate::data::run_state::{Outcome, RunState};
 use crate::data::start::Start;
 use crate::files::ledger::Origin;
 use crate::files::source::hex;
+use crate::measure::compare::{self, Results, ZeroField};
 use crate::measure::lin::Lin;
+use crate::measure::null::Null;
 use crate::measure::sweep::Sweep;
+use crate::model::campaign::Instructions;
 use crate::model::facility::Facility;
 use crate::record::known::Known;
 use crate::show::protocol::RunPart;
@@ -219,6 +222,23 @@ pub fn scale_to_nt(all: &mut [Measured], desk: &Desk) -> Result<(), Finding> {
         }
     }
     Ok(())
+}
+
+/// What results of a campaign contradict each other in.
+#[must_use]
+pub fn contradictions(all: &[Measured], shown: &[ThermalShown], instructions: &Instructions) -> Vec<Note> {
+    let points: Vec<CalibratedRun> = all.iter().filter_map(Measured::point).collect();
+    let zero_fields = all.iter().filter_map(|one| {
+        let found = &one.of::<Null>()?.result.found;
+        let position = one.run().and_then(|run| run.settings.first()).and_then(|setting| instructions.position(setting.position));
+        Some(ZeroField { found, position })
+    });
+    compare::contradictions(&Results {
+        points: &points,
+        groups: shown.iter().map(|one| &one.thermal).collect(),
+        sweeps: all.iter().filter_map(Measured::sweep).collect(),
+        zero_fields: zero_fields.collect(),
+    })
 }
 
 /// Temperatures that differ by less are one: the mean of a run is known to some hundredths of a degree.

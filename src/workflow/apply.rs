@@ -13,13 +13,14 @@ use crate::data::run::{Location, Run};
 use crate::data::units::{COMPONENTS, Reading};
 use crate::files::field::read_field;
 use crate::files::output::{Folder, Pending};
-use crate::files::parameter::FieldPart;
+use crate::files::parameter::{FieldPart, HeldIn};
 use crate::files::source::digest;
 use crate::files::table::stream::{Batch, Format, Reader, Writer};
 use crate::model::field_calibration::{CalibratedField, CalibrationError, Coefficients, FieldCalibration, Frame, MatrixForm};
 use crate::model::lag::Lag;
 use crate::record::known::{Known, OtherSensor};
 use crate::record::single_readings::{NeedsMore, SingleReadings, TakenOff};
+use crate::record::temperature_faults::jumps_of;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -67,6 +68,8 @@ pub struct Applied {
     pub mode: String,
     /// Frame of the result, in words.
     pub frame: String,
+    /// The position of the sensor in which the result stands in coil axes; absent for any other frame.
+    pub position: Option<HeldIn>,
     /// The thermistor that the files are of, where they say it.
     pub channel: Option<String>,
     /// How the part of the sensor whose temperature counts goes after that thermistor, where the two differ.
@@ -98,6 +101,7 @@ pub fn applied(
     let mut of: Option<(String, String, &PathBuf)> = None;
     let mut thermistor: Option<(String, &PathBuf)> = None;
     let mut lag = None;
+    let mut position = None;
     for path in paths {
         let shown = path.display().to_string();
         let (part, input) = read_field(path, options.frame, findings)?;
@@ -138,6 +142,7 @@ pub fn applied(
                 let note = Note::new(NoteKind::Facility, text).about(&shown);
                 beside = Some(note.with_remedy("apply the TCF file, whose sensitivities are those at the centre"));
             }
+            position = part.position;
             matrix = Some((path, part.coefficients, part.frame));
         } else {
             if let Some((first, _)) = &offset {
@@ -184,7 +189,7 @@ pub fn applied(
         let remedy = "in a run this is taken into account; in a table, the column of temperatures has to be that of this part";
         notes.push(Note::new(NoteKind::Temperature, text).with_remedy(remedy));
     }
-    Ok(Applied { calibration, sensor, mode, frame: frame_words, channel, lag, effects, inputs, notes })
+    Ok(Applied { calibration, sensor, mode, frame: frame_words, position, channel, lag, effects, inputs, notes })
 }
 
 /// The effects of a model, if there is one, that are taken off readings; notes tell those that readings do not have.
@@ -353,6 +358,70 @@ impl Still {
     }
 }
 
+/// Temperatures of a table in the order of their times: all of them in a short table, every second, fourth and so on in a longer one.
+struct Course {
+    /// Readings, (s, °C).
+    series: Vec<(f64, f64)>,
+    /// One row of so many is kept.
+    stride: usize,
+    /// Rows so far.
+    rows: usize,
+    /// Whether the times go on from row to row. Without times, or where they go back, the rows are no course.
+    is_ordered: bool,
+}
+
+/// Temperatures of a table that are kept.
+const MOST_KEPT: usize = 1 << 15;
+/// A column that changes more often than this, and by jumps in half of the changes, is of a temperature that is stepped, or read now and then.
+const MOST_STEPS: usize = 8;
+
+impl Course {
+    fn new() -> Self {
+        Self { series: Vec::new(), stride: 1, rows: 0, is_ordered: true }
+    }
+
+    fn take(&mut self, t_s: &[f64], degc: &[f64]) {
+        for (t_s, degc) in t_s.iter().copied().zip(degc.iter().copied()) {
+            let is_kept = self.rows.is_multiple_of(self.stride);
+            self.rows += 1;
+            if !is_kept || !t_s.is_finite() || !degc.is_finite() {
+                continue;
+            }
+            self.is_ordered &= self.series.last().is_none_or(|(before_s, _)| t_s > *before_s);
+            if !self.is_ordered {
+                return;
+            }
+            self.series.push((t_s, degc));
+            if self.series.len() >= MOST_KEPT {
+                let mut keep = false;
+                self.series.retain(|_| {
+                    keep = !keep;
+                    keep
+                });
+                self.stride *= 2;
+            }
+        }
+    }
+
+    /// What is said of jumps that no thermistor of a sensor makes.
+    fn jumps(self, column: &str) -> Option<String> {
+        if !self.is_ordered {
+            return None;
+        }
+        let changes = self.series.windows(2).filter(|pair| pair[0].1 != pair[1].1).count();
+        let jumps = jumps_of(self.series);
+        let (t_s, by_k) = jumps.iter().copied().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+        if changes > MOST_STEPS && 2 * jumps.len() >= changes {
+            return None;
+        }
+        let times = if jumps.len() == 1 { "once".to_owned() } else { format!("{} times, most", jumps.len()) };
+        Some(format!(
+            "its column `{column}` jumps {times} by {by_k:+.1} K at {t_s} s, faster than a sensor changes its temperature; the field is \
+             computed with these temperatures, correct them if they are wrong"
+        ))
+    }
+}
+
 /// Rows of which noise makes some differ.
 const LEAST_ROWS: usize = 20;
 
@@ -360,6 +429,8 @@ const FIELD: [&str; 3] = ["bx_nt", "by_nt", "bz_nt"];
 const STD: [&str; 3] = ["u_bx_nt", "u_by_nt", "u_bz_nt"];
 const FLAGS: &str = "flags";
 const TEMPERATURE: &str = "t_degc";
+/// Column of the times of a table, s.
+const TIME: &str = "t";
 
 impl<'a> Work<'a> {
     fn new(applied: &'a Applied, options: &'a ApplyOptions, data: &'a Path, source: &Source, file: &str) -> Self {
@@ -603,7 +674,9 @@ pub fn stem(path: &Path) -> String {
 
 /// The vectors of a table.
 fn table(work: &mut Work, mut reader: Reader, format: Format, note: &str, file: &mut Pending) -> Result<(), Finding> {
-    let data = work.data;
+    let (data, options) = (work.data, work.options);
+    let column = options.temperature_column.as_deref().unwrap_or(TEMPERATURE);
+    let mut course = Course::new();
     let mut writer = Writer::new(file, format, note);
     while let Some(mut batch) = reader.next_batch()? {
         if !writer.has_begun()
@@ -622,6 +695,13 @@ fn table(work: &mut Work, mut reader: Reader, format: Format, note: &str, file: 
                 vec![f64::NAN; batch.len()]
             }
         };
+        // A column that holds no times is what it is to the one who made it.
+        if options.temperature_degc.is_none() && course.is_ordered {
+            match batch.numbers(data, TIME) {
+                Ok(t_s) => course.take(&t_s, &degc),
+                Err(_) => course.is_ordered = false,
+            }
+        }
         // The temperature that stands beside a field is the one that it was computed with.
         if let (Some(used), true) = (work.options.temperature_degc, batch.has(TEMPERATURE)) {
             if !writer.has_begun() {
@@ -634,5 +714,6 @@ fn table(work: &mut Work, mut reader: Reader, format: Format, note: &str, file: 
         work.calibrate(&mut batch, &readings, &degc)?;
         writer.write(&batch)?;
     }
+    work.counts.notes.extend(course.jumps(column));
     writer.finish()
 }

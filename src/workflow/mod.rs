@@ -28,7 +28,7 @@ mod thermal;
 mod thermistor;
 
 pub use again::{AgainError, Ingredients, again, sensitivities};
-pub use all::{Analyses, Measured, publish_alone, publish_thermal_names, scale_to_nt};
+pub use all::{Analyses, Measured, contradictions, publish_alone, publish_thermal_names, scale_to_nt};
 #[cfg(feature = "tables")]
 pub use apply::{Applied, AppliedFile, ApplyOptions, Flagged, Outside, applied, apply_to, stem};
 pub use centre::{CentreMade, PairFiles};

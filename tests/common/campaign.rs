@@ -31,13 +31,7 @@ pub fn corner_hz(degc: f64) -> [f64; 3] {
 }
 
 fn at(run: Run, kind: &str, configuration: &str, id: &str, degc: f64) -> String {
-    let (day, time) = id.split_once('_').unwrap();
-    let start = format!("\"20{day}T{}Z\"", time.replace('-', ":"));
-    let mut run = run
-        .named(id)
-        .key("kind", &format!("\"{kind}\""))
-        .key("configuration", &format!("\"{configuration}\""))
-        .key("start", &start);
+    let mut run = run.named(id).key("kind", &format!("\"{kind}\"")).key("configuration", &format!("\"{configuration}\""));
     for (_, values) in &mut run.temperatures {
         *values = [Some(18.0 + 0.01 * degc), Some(degc)];
     }

@@ -361,9 +361,13 @@ impl Run {
         self
     }
 
-    /// The same run made on another day.
+    /// The same run made at another time, which its id tells: 13-04-03_09-22-38.
     pub fn named(self, id: &str) -> Self {
-        self.key("run", &format!("\"{id}\""))
+        let run = self.key("run", &format!("\"{id}\""));
+        match id.split_once('_') {
+            Some((day, time)) => run.key("start", &format!("\"20{day}T{}Z\"", time.replace('-', ":"))),
+            None => run,
+        }
     }
 
     /// Indices of the samples of a setting.

@@ -12,6 +12,7 @@ use crate::fit::scan::Score;
 use crate::model::effects::sensitivity_step::SensitivityStep;
 use crate::model::effects::sensor_temperature_offset::SensorTemperatureOffset;
 use crate::model::effects::{Family, GAIN_WITH, Record, UNKNOWN};
+use crate::record::prepared::PreparedRun;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
@@ -142,6 +143,10 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         (
             candidate.effect.about().family == Family::Time && !means.prepared.faults.is_empty(),
             "A temperature channel is damaged: what follows the temperature looks the same.",
+        ),
+        (
+            begins_beside_the_lag(means.prepared, candidate),
+            "It begins where the thermistor, which is late or early, does not tell the temperature.",
         ),
         (
             begins_with_large_field(&means.prepared.record, candidate),
@@ -281,6 +286,13 @@ fn has_twin_beside(candidate: &Candidate, others: &[&Candidate]) -> bool {
     let is_curve = |c: &Candidate| c.effect.about().family == Family::StaticOdd;
     is_curve(candidate)
         && others.iter().any(|other| is_curve(other) && other.spec.axes.iter().any(|axis| candidate.spec.axes.contains(axis)))
+}
+
+/// Whether something begins so near to the begin or end of the run that a lag of the thermistor reaches over it.
+fn begins_beside_the_lag(prepared: &PreparedRun, candidate: &Candidate) -> bool {
+    let [begin_s, end_s] = prepared.record.span_s;
+    let is_beside = |onset_s: f64| onset_s - begin_s < prepared.lag_s || end_s - onset_s < prepared.lag_s;
+    prepared.lag_s > 0.0 && candidate.effect.begins_s(&candidate.spec).is_some_and(is_beside)
 }
 
 /// Whether something begins when a field is applied that is larger than those of many settings before: a hysteresis that remembers the largest

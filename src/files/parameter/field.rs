@@ -24,6 +24,15 @@ const QUANTITIES: [&str; 6] = ["sigma_x", "sigma_y", "sigma_z", "xi_xy", "xi_xz"
 /// Offset and residual field behind them.
 const B_OR: [&str; 3] = ["b_or_x", "b_or_y", "b_or_z"];
 
+/// The position of the sensor in which a file holds.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct HeldIn {
+    /// Id of the position.
+    pub id: u32,
+    /// Sensor axes along coil axes.
+    pub axes: [String; 3],
+}
+
 /// The part of one file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FieldPart {
@@ -33,6 +42,8 @@ pub struct FieldPart {
     pub mode: String,
     /// Where the sensor stood.
     pub location: Location,
+    /// The position in which its result stands in coil axes; absent for any other frame.
+    pub position: Option<HeldIn>,
     /// Channel of the sensor temperature, if the file tells it and it matters: in files over temperature.
     pub channel: Option<String>,
     /// Model files whose effects were taken off the readings of the runs before.
@@ -184,6 +195,7 @@ impl Cpf {
             sensor: own.run.sensor.clone(),
             mode: own.run.mode.clone(),
             location: own.run.location,
+            position: (frame == Frame::Coil).then(|| HeldIn { id: own.setup.position, axes: own.setup.position_axes.clone() }),
             channel: None,
             known_effects: self.model.iter().map(|m| m.file.clone()).collect(),
             models: Vec::new(),
@@ -313,6 +325,7 @@ impl Tpf {
             sensor: self.head.sensor.clone(),
             mode: self.head.mode.clone(),
             location: self.head.location,
+            position: None,
             channel: self.head.stated_channel(),
             known_effects: self.known_effects(),
             models: Vec::new(),
@@ -345,6 +358,7 @@ impl Tof {
             sensor: self.head.sensor.clone(),
             mode: self.head.mode.clone(),
             location: self.head.location,
+            position: None,
             channel: self.head.stated_channel(),
             known_effects: Vec::new(),
             models: Vec::new(),
@@ -422,6 +436,7 @@ impl Opf {
             sensor: self.found.run.sensor.clone(),
             mode: self.found.run.mode.clone(),
             location: self.found.run.location,
+            position: None,
             channel: self.conditions.as_ref().map(|c| c.sensor_channel.clone()),
             known_effects: Vec::new(),
             models: Vec::new(),
@@ -464,6 +479,7 @@ impl Tcf {
             sensor: self.sensor.clone(),
             mode: self.mode.clone(),
             location: Location::Centre,
+            position: None,
             channel: stated(&self.channel),
             known_effects: self.scope.known_effects.clone(),
             models: Vec::new(),

@@ -38,6 +38,24 @@ pub enum CoilError {
         /// The largest that is accepted.
         most: f64,
     },
+    /// Moduli that are not those of the settings.
+    #[error(
+        "the moduli are not those of the settings: they differ from what any coil system makes of these by {residual_nt:.1} nT beside moduli of {modulus_nt:.1} nT"
+    )]
+    Unrelated {
+        /// Standard deviation of the residuals, nT.
+        residual_nt: f64,
+        /// Median modulus, nT.
+        modulus_nt: f64,
+    },
+    /// Moduli in several units.
+    #[error("holds moduli of {least_nt} and of {most_nt} nT, which are hardly in one unit")]
+    Units {
+        /// Smallest modulus, nT.
+        least_nt: f64,
+        /// Largest modulus, nT.
+        most_nt: f64,
+    },
     /// No pairs of plus and minus.
     #[error("holds no settings of plus and minus F on one coil axis")]
     NoPairs,
@@ -73,6 +91,8 @@ impl CoilError {
             CoilError::Undetermined { .. } => {
                 "add settings in other directions: all three axes alone and together, with both signs, spread over the sphere"
             }
+            CoilError::Unrelated { .. } => "check that settings and moduli stand in their own rows, with their signs and units",
+            CoilError::Units { .. } => "give all moduli in nT, or those of different ranges in tables of their own",
             CoilError::NoPairs => "apply the same magnitude with both signs on one axis and zero on the others",
             CoilError::Orientations(_) => "add runs of the same sensor turned by 90° about two axes",
             CoilError::Sensors(_) => "choose one with --sensor",

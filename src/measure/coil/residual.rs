@@ -6,6 +6,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
 use crate::data::run::{Run, ScalarRow};
 use crate::data::tables::ModulusRow;
+use crate::fit::statistics::extremes;
 use crate::fit::student_factor;
 use crate::model::facility::FacilityParameters;
 use crate::model::facility_calibration::{AxisResidual, ResidualFound, ResidualState};
@@ -16,6 +17,8 @@ const ASIDE: f64 = 1e-6;
 const SAME: f64 = 1e-3;
 /// A residual field above this part of the modulus is more likely two moduli that do not belong together.
 const STRANGE: f64 = 0.05;
+/// Moduli of one table are in one unit if the largest is no more times the smallest.
+const ONE_UNIT: f64 = 50.0;
 /// Decimals of a modulus that are looked at for its resolution.
 const MOST_DECIMALS: i32 = 6;
 
@@ -117,6 +120,10 @@ fn pairs_of(run: &str, rows: &[ScalarRow]) -> Vec<Pair> {
 fn of_pairs(pairs: &[Pair], used: Vec<String>) -> Result<Residual, CoilError> {
     if pairs.is_empty() {
         return Err(CoilError::NoPairs);
+    }
+    let [least_nt, most_nt] = extremes(pairs.iter().flat_map(|pair| [pair.plus_nt, pair.minus_nt]));
+    if most_nt > ONE_UNIT * least_nt {
+        return Err(CoilError::Units { least_nt, most_nt });
     }
     let mut names: Vec<&str> = Vec::new();
     for pair in pairs {

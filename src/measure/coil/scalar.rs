@@ -42,6 +42,10 @@ const MOST_THERMAL_CONDITION: f64 = 1e3;
 const OUTLIER: f64 = 6.0;
 /// Smaller residuals are no outliers, nT.
 const LEAST_OUTLIER_NT: f64 = 1e-3;
+/// Residuals of this part of the moduli are not those of any coil system.
+const UNRELATED: f64 = 0.01;
+/// A coil system in order and a scalar magnetometer agree to some tenths of a nanotesla in 50 000 nT: residuals of this part of the moduli are told.
+const ROUGH: f64 = 2e-5;
 /// Rounds of leaving out.
 const ROUNDS: usize = 10;
 /// A larger share of rows left out asks for a look at the run.
@@ -299,6 +303,7 @@ pub fn scalar(runs: &[(&Run, &Instructions)], options: &Options) -> Result<Scala
     // The last state of the facility is that of now.
     let Some(last) = period.last().cloned() else { return Err(CoilError::NoRows) };
     let outlier = outliers(&rows, runs, &fitted);
+    notes.extend(rough(&rows, &fitted)?);
     warn_of_outliers(&mut notes, &outlier, rows.len());
     if fitted.stand_out > 0 {
         let text = format!(
@@ -599,6 +604,25 @@ fn far_from_nominal(facility: &FacilityParameters) -> Option<Note> {
         );
         Note::new(NoteKind::Gain, text).with_remedy("correct the unit if settings and moduli are meant to be in nT")
     })
+}
+
+/// Says of residuals that are far larger than those of a coil system in order.
+///
+/// # Errors
+/// Moduli that are not those of the settings.
+fn rough(rows: &[Observation], fitted: &Fitted) -> Result<Option<Note>, CoilError> {
+    let residual_nt = fitted.solution.residual_std;
+    let modulus_nt = median(&mut rows.iter().map(|row| row.scalar.modulus_nt).collect::<Vec<f64>>());
+    if residual_nt > UNRELATED * modulus_nt {
+        return Err(CoilError::Unrelated { residual_nt, modulus_nt });
+    }
+    Ok((residual_nt > ROUGH * modulus_nt).then(|| {
+        let text = format!(
+            "the residuals are {residual_nt:.2} nT beside moduli of {modulus_nt:.0} nT, far more than a coil system in order and a scalar magnetometer \
+             leave: the parameters are not to be trusted"
+        );
+        Note::new(NoteKind::Fit, text).with_remedy("check signs, order and unit of settings and moduli in the table of residuals")
+    }))
 }
 
 fn warn_of_outliers(notes: &mut Vec<Note>, outliers: &[ScalarOutlier], total: usize) {

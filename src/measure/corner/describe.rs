@@ -1,6 +1,6 @@
 //! The corner of one component with its uncertainties, from the fit of the response that was chosen.
 
-use super::fit::{Outcome, drift_factor};
+use super::fit::Outcome;
 use super::jackknife::{Replicate, jackknife};
 use super::prepared::{Prepared, relative_times};
 use super::result::{Explained, Fitted, ModelCorner};
@@ -29,7 +29,7 @@ pub(super) fn describe(
     let covariance = outcome.covariance(&prepared.data, explained);
     let slopes = std::iter::once(0.0).chain(response.corner_slopes(outcome.corner_hz, &outcome.shape));
     // A drift of the amplitudes moves no corner.
-    let slopes = slopes.chain(outcome.drift.iter().map(|_| 0.0)).collect();
+    let slopes = slopes.chain(outcome.drift.parameters.iter().map(|_| 0.0)).collect();
     let slopes = DVector::from_vec(slopes);
     let linearised_std_hz = outcome.corner_hz * std_of((slopes.transpose() * &covariance * &slopes)[(0, 0)]);
     let corners: Vec<f64> = replicates.iter().filter_map(|replicate| replicate.corner_hz[component]).collect();
@@ -42,7 +42,7 @@ pub(super) fn describe(
         (values[j] * std_of(covariance[(j, j)])).max(jackknife(&column))
     };
     let fitted = |(row, time): (&Amplitude, f64)| {
-        values[0] * response.value(row.frequency_hz, &outcome.shape) * drift_factor(&outcome.drift, time)
+        values[0] * response.value(row.frequency_hz, &outcome.shape) * outcome.drift.factor(time)
     };
     let fitted_ent: Vec<f64> = table.iter().zip(relative_times(table)).map(fitted).collect();
     let residual_ent = table.iter().zip(&fitted_ent).map(|(row, fitted)| row.amplitude_ent[component] - fitted).collect();

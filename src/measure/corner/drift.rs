@@ -2,21 +2,20 @@
 //!
 //! Where the frequencies follow each other from low to high or back, time is the frequency under another name: responses of more parameters take a
 //! drift of some 1e-4 for what they do with frequency, and nothing is left that would tell. Every response is therefore fitted beside a drift as well, a polynomial
-//! of the time in the logarithm of the amplitude of every component. A drift needs evidence beside the response that it stands with; it is found
+//! of the time, or the approach of something that warms up, in the logarithm of the amplitude of every component. A drift needs evidence beside the response that it stands with; it is found
 //! where it describes the amplitudes better than all responses do without, and possible where it does about as well.
 
 use super::choice::{Known, PerComponent, explained, least, total_aicc};
+use super::course::Form;
 use super::prepared::Prepared;
 use super::refusal::Refusal;
 use super::result::Explained;
 use crate::fit::aicc;
 use crate::model::response::Response;
 
-/// Highest degree of a drift.
-const HIGHEST_DEGREE: usize = 5;
 /// A hypothesis whose AICc is lower by this much is a hundred times as likely.
 const CLEAR: f64 = 9.2;
-/// Drifts that are fitted: the most promising responses, each with its best degree.
+/// Drifts that are fitted: the most promising responses, each with its best form.
 const FITTED: usize = 6;
 
 /// A drift beside a response.
@@ -43,17 +42,17 @@ pub(super) fn drifting(responses: &[Response], prepared: &[Result<Prepared, Refu
     }
     let at_best = least(&still.totals).filter(|best| explained(&still.fits[*best], prepared).is_some());
     let at_best = at_best.and_then(|best| still.totals[best]).unwrap_or(f64::INFINITY);
-    let mut promising: Vec<(f64, usize, usize)> = Vec::new();
+    let mut promising: Vec<(f64, usize, Form)> = Vec::new();
     for (m, (response, fit)) in responses.iter().zip(&still.fits).enumerate() {
-        let of_degree = |degree: usize| Some((expected(*response, degree, fit, prepared)?, m, degree));
-        let best = (1..=HIGHEST_DEGREE).filter_map(of_degree).min_by(|a, b| a.0.total_cmp(&b.0));
+        let of_form = |form: Form| Some((expected(*response, form, fit, prepared)?, m, form));
+        let best = Form::all().filter_map(of_form).min_by(|a, b| a.0.total_cmp(&b.0));
         promising.extend(best.filter(|(expected, ..)| still.totals[m].is_some_and(|own| expected + CLEAR < own)));
     }
     promising.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let fitted = promising.into_iter().take(FITTED).filter_map(|(_, m, degree)| {
+    let fitted = promising.into_iter().take(FITTED).filter_map(|(_, m, form)| {
         let again = |c: usize| {
             let (still, prepared) = (still.fits[m][c].as_ref()?.as_ref().ok()?, prepared[c].as_ref().ok()?);
-            Some(prepared.drifting_fit(responses[m], degree, still))
+            Some(prepared.drifting_fit(responses[m], form, still))
         };
         let fit: PerComponent = std::array::from_fn(again);
         let (total, explained) = (total_aicc(&fit)?, explained(&fit, prepared)?);
@@ -70,13 +69,13 @@ pub(super) fn drifting(responses: &[Response], prepared: &[Result<Prepared, Refu
 }
 
 /// AICc that a response is to have beside a drift; `None` where it does not fit to a component alone or has too few rows.
-fn expected(response: Response, degree: usize, fit: &PerComponent, prepared: &[Result<Prepared, Refusal>; 3]) -> Option<f64> {
+fn expected(response: Response, form: Form, fit: &PerComponent, prepared: &[Result<Prepared, Refusal>; 3]) -> Option<f64> {
     let mut sum = 0.0;
     for (outcome, prepared) in fit.iter().flatten().zip(prepared.iter().flatten()) {
         let outcome = outcome.as_ref().ok()?;
         // Without a value there are too few rows for so many parameters.
-        let penalty = aicc(0.0, outcome.found.state.parameters.len() + degree, prepared.rows.len())?;
-        sum += outcome.found.deviance - prepared.drift_takes(response, degree, outcome) + penalty;
+        let penalty = aicc(0.0, outcome.found.state.parameters.len() + form.count(), prepared.rows.len())?;
+        sum += outcome.found.deviance - prepared.drift_takes(response, form, outcome).0 + penalty;
     }
     Some(sum)
 }

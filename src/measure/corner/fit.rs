@@ -1,5 +1,6 @@
 //! The fit of one response to one component: with known noise, or with a scatter and with rows that do not belong.
 
+use super::course::{Course, Form};
 use super::prepared::Prepared;
 use super::refusal::Refusal;
 use super::result::Explained;
@@ -27,42 +28,34 @@ const EXPLAINED_RESIDUAL: f64 = 5.0;
 /// As many starts, the closest ones, are followed with known noise.
 const KNOWN_STARTS: usize = 3;
 
-/// A response with its DC gain as model of amplitudes: parameters are logarithms, relative DC gain first. Behind them stand the coefficients of a
-/// polynomial of the time that the logarithm of the amplitude follows beside it, from the first power on; none where it follows no time.
+/// A response with its DC gain as model of amplitudes: parameters are logarithms, relative DC gain first. Behind them stand those of the course of time
+/// that the logarithm of the amplitude follows beside it.
 struct Shape<'a> {
     response: Response,
     frequencies: &'a [f64],
     times: &'a [f64],
-    degree: usize,
+    drift: Form,
 }
 
 impl Shape<'_> {
-    /// DC gain, parameters of the response, and coefficients of the drift.
+    /// DC gain, parameters of the response, and those of the drift.
     fn parts<'p>(&self, parameters: &'p [f64]) -> (f64, Vec<f64>, &'p [f64]) {
         let (shape, drift) = parameters[1..].split_at(self.response.parameters().len());
         (parameters[0].exp(), shape.iter().map(|logarithm| logarithm.exp()).collect(), drift)
     }
 }
 
-/// Factor on an amplitude at a relative time by the coefficients of a drift; 1 without any, whether a time is known or not.
-pub(super) fn drift_factor(drift: &[f64], time: f64) -> f64 {
-    if drift.is_empty() {
-        return 1.0;
-    }
-    drift.iter().rev().fold(0.0, |sum, c| (sum + c) * time).exp()
-}
-
 impl Model for Shape<'_> {
     fn names(&self) -> Vec<String> {
         let own = self.response.parameters().into_iter().map(|parameter| parameter.name.to_owned());
-        let drift = (1..=self.degree).map(|power| format!("drift {power}"));
+        let drift = (1..=self.drift.count()).map(|number| format!("drift {number}"));
         std::iter::once("dc".to_owned()).chain(own).chain(drift).collect()
     }
 
     fn values(&self, parameters: &[f64], values: &mut [f64]) {
         let (dc, shape, drift) = self.parts(parameters);
         for ((value, &f), &time) in values.iter_mut().zip(self.frequencies).zip(self.times) {
-            *value = dc * self.response.value(f, &shape) * drift_factor(drift, time);
+            *value = dc * self.response.value(f, &shape) * self.drift.value_and_slopes(drift, time).0.exp();
         }
     }
 
@@ -71,8 +64,9 @@ impl Model for Shape<'_> {
         for ((mut row, &f), &time) in jacobian.row_iter_mut().zip(self.frequencies).zip(self.times) {
             let (value, slopes) = self.response.value_and_slopes(f, &shape);
             let of_response = std::iter::once(value).chain(slopes.into_iter().take(shape.len()));
-            let of_drift = (1..=drift.len()).map(|power| value * time.powi(power as i32));
-            let amplitude = dc * drift_factor(drift, time);
+            let (course, by_drift) = self.drift.value_and_slopes(drift, time);
+            let of_drift = by_drift.into_iter().map(|slope| value * slope);
+            let amplitude = dc * course.exp();
             row.iter_mut().zip(of_response.chain(of_drift)).for_each(|(entry, derivative)| *entry = amplitude * derivative);
         }
     }
@@ -82,7 +76,7 @@ impl Prepared {
     /// The fit of a response with known standard deviations, from the best of several starts.
     pub fn known_fit(&self, response: Response) -> Result<Outcome, Refusal> {
         let weights = self.weights();
-        let shape = self.shape(response, 0);
+        let shape = self.shape(response, Form::STILL);
         let mut values = vec![0.0; self.rows.len()];
         let mut left = |start: &[f64]| -> f64 {
             shape.values(start, &mut values);
@@ -90,30 +84,31 @@ impl Prepared {
         };
         let mut starts: Vec<(f64, Vec<f64>)> = self.starts(response).into_iter().map(|start| (left(&start), start)).collect();
         starts.sort_by(|a, b| a.0.total_cmp(&b.0));
-        self.known_fit_from(response, 0, starts.into_iter().take(KNOWN_STARTS).map(|(_, start)| start))
+        self.known_fit_from(response, Form::STILL, starts.into_iter().take(KNOWN_STARTS).map(|(_, start)| start))
     }
 
-    /// The fit of a response with known standard deviations beside a drift of the amplitudes of a degree, from the fit without.
-    pub fn drifting_fit(&self, response: Response, degree: usize, still: &Outcome) -> Result<Outcome, Refusal> {
-        let start = still.found.state.parameters.iter().copied().chain(std::iter::repeat_n(0.0, degree)).collect();
-        self.known_fit_from(response, degree, [start])
+    /// The fit of a response with known standard deviations beside a drift of the amplitudes of a form, from the fit without.
+    pub fn drifting_fit(&self, response: Response, drift: Form, still: &Outcome) -> Result<Outcome, Refusal> {
+        let (_, sizes) = self.drift_takes(response, drift, still);
+        let start = still.found.state.parameters.iter().copied().chain(drift.start(sizes.into_iter())).collect();
+        self.known_fit_from(response, drift, [start])
     }
 
     fn known_fit_from(
         &self,
         response: Response,
-        degree: usize,
+        drift: Form,
         starts: impl IntoIterator<Item = Vec<f64>>,
     ) -> Result<Outcome, Refusal> {
         // A Butterworth of each order is a response of its own here: the order is one for all components, and data with known noise
         // leave no doubt about it.
-        let parameters = response.parameters().len() + 1 + degree;
+        let parameters = response.parameters().len() + 1 + drift.count();
         let rows = self.rows.len();
         if aicc(0.0, parameters, rows).is_none() {
             return Err(Refusal::TooFew { rows, parameters });
         }
         let weights = self.weights();
-        let shape = self.shape(response, degree);
+        let shape = self.shape(response, drift);
         let mut refusal = None;
         let mut best: Option<Contaminated> = None;
         for start in starts {
@@ -135,32 +130,39 @@ impl Prepared {
             }
         }
         let found = best.ok_or_else(|| refusal.map_or(Refusal::Outside, Refusal::Fit))?;
-        self.outcome(response, found, parameters)
+        self.outcome(response, drift, found, parameters)
     }
 
-    /// By how much a drift of a degree lowers the chi square of a fit with known standard deviations, as far as the response is linear in its
-    /// parameters.
-    pub fn drift_takes(&self, response: Response, degree: usize, still: &Outcome) -> f64 {
+    /// By how much a drift of a form lowers the chi square of a fit with known standard deviations, and with which sizes, as far as the response is
+    /// linear in its parameters.
+    pub fn drift_takes(&self, response: Response, drift: Form, still: &Outcome) -> (f64, Vec<f64>) {
         let parameters = &still.found.state.parameters;
-        let extended: Vec<f64> = parameters.iter().copied().chain(std::iter::repeat_n(0.0, degree)).collect();
+        let at_rest = drift.start(std::iter::repeat_n(0.0, drift.linear()));
+        let extended: Vec<f64> = parameters.iter().copied().chain(at_rest).collect();
         let mut columns = DMatrix::zeros(self.rows.len(), extended.len());
-        self.shape(response, degree).jacobian(&extended, &mut columns);
+        self.shape(response, drift).jacobian(&extended, &mut columns);
+        // Without a size there is no time constant.
+        let mut columns = columns.columns(0, parameters.len() + drift.linear()).into_owned();
         for (mut row, std) in columns.row_iter_mut().zip(&self.data.std) {
             row /= *std;
         }
         let left = still.found.solution.residuals.iter().zip(&self.data.std).map(|(r, std)| r / std);
         let left = DVector::from_iterator(self.rows.len(), left);
         // Behind the directions of the response stand those that the drift adds to them.
-        let directions = columns.qr().q();
-        directions.columns(parameters.len(), degree).tr_mul(&left).norm_squared()
+        let (directions, triangle) = columns.qr().unpack();
+        let along = directions.columns(parameters.len(), drift.linear()).tr_mul(&left);
+        let own = (parameters.len(), parameters.len());
+        let triangle = triangle.view(own, (drift.linear(), drift.linear())).into_owned();
+        let sizes = triangle.solve_upper_triangular(&along).map_or_else(Vec::new, |sizes| sizes.iter().copied().collect());
+        (along.norm_squared(), sizes)
     }
 
     fn weights(&self) -> Vec<f64> {
         self.data.std.iter().map(|std| std.powi(-2)).collect()
     }
 
-    fn shape(&self, response: Response, degree: usize) -> Shape<'_> {
-        Shape { response, frequencies: &self.frequencies, times: &self.times, degree }
+    fn shape(&self, response: Response, drift: Form) -> Shape<'_> {
+        Shape { response, frequencies: &self.frequencies, times: &self.times, drift }
     }
 
     /// Whether known standard deviations explain the residuals one by one.
@@ -199,7 +201,7 @@ impl Prepared {
         if aicc(0.0, parameters, rows).is_none() {
             return Err(Refusal::TooFew { rows, parameters });
         }
-        let found = contaminated::fit(&self.shape(response, 0), &self.data, state, iterations, &Limits::default())?;
+        let found = contaminated::fit(&self.shape(response, Form::STILL), &self.data, state, iterations, &Limits::default())?;
         let outlying: f64 = found.weights.iter().map(|weight| 1.0 - weight).sum();
         if outlying > MOST_OUTLYING * rows as f64 {
             return Err(Refusal::Outlying { outlying, rows });
@@ -210,14 +212,14 @@ impl Prepared {
     /// The fit of a response from a state close to it.
     pub fn continued(&self, response: Response, state: &State) -> Result<Outcome, Refusal> {
         let found = self.climb(response, state, ITERATIONS)?;
-        self.outcome(response, found, response.freedom() + 1 + self.scatters())
+        self.outcome(response, Form::STILL, found, response.freedom() + 1 + self.scatters())
     }
 
     /// The corner of a fitted response, and its AICc with so many parameters.
-    fn outcome(&self, response: Response, found: Contaminated, parameters: usize) -> Result<Outcome, Refusal> {
-        let (own, drift) = found.state.parameters[1..].split_at(response.parameters().len());
+    fn outcome(&self, response: Response, drift: Form, found: Contaminated, parameters: usize) -> Result<Outcome, Refusal> {
+        let (own, of_drift) = found.state.parameters[1..].split_at(response.parameters().len());
         let shape: Vec<f64> = own.iter().map(|logarithm| logarithm.exp()).collect();
-        let drift = drift.to_vec();
+        let drift = Course { form: drift, parameters: of_drift.to_vec() };
         let within = |corner: &f64| {
             let counted = || self.frequencies.iter().zip(&found.weights).filter(|(_, weight)| **weight > 0.5).map(|(f, _)| *f);
             counted().fold(f64::INFINITY, f64::min) <= *corner && *corner <= counted().fold(0.0, f64::max)
@@ -238,8 +240,8 @@ pub(super) fn is_likely(chi_square: f64, dof: usize) -> bool {
 pub(super) struct Outcome {
     pub found: Contaminated,
     pub shape: Vec<f64>,
-    /// Coefficients of the drift of the logarithm of the amplitude, from the first power of the relative time on.
-    pub drift: Vec<f64>,
+    /// What the logarithm of the amplitude follows of the relative time.
+    pub drift: Course,
     pub corner_hz: f64,
     pub aicc: f64,
 }

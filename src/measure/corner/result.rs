@@ -1,7 +1,7 @@
 //! What the corner of a table of amplitudes is, and how it was found.
 
 use super::drift::Drifting;
-use super::fit::{Outcome, drift_factor};
+use super::fit::Outcome;
 use super::prepared::Prepared;
 use super::refusal::Refusal;
 use crate::data::frequency::{ComparedResponse, FittedResponse, FrequencyValues};
@@ -118,8 +118,7 @@ impl AmplitudeDrift {
                 fits.filter_map(|fit| Some(get(fit[c].as_ref()?.as_ref().ok()?, prepared.dc))).collect()
             })
         };
-        let change: [Vec<f64>; 3] =
-            of(&|outcome, _| drift_factor(&outcome.drift, 1.0) / drift_factor(&outcome.drift, -1.0) - 1.0);
+        let change: [Vec<f64>; 3] = of(&|outcome, _| outcome.drift.factor(1.0) / outcome.drift.factor(-1.0) - 1.0);
         Self {
             model,
             change: change.map(|all| all.first().copied().unwrap_or(f64::NAN)),

@@ -116,6 +116,28 @@ fn a_source_that_drifts_is_told_and_is_in_the_uncertainty() {
     }
 }
 
+/// A source that warms up by 3e-4 with a time constant of a fifth of the run, 36 times the noise of an amplitude, while the frequencies fall.
+#[test]
+fn a_source_that_warms_up_is_told_and_is_in_the_uncertainty() {
+    let falling: Vec<usize> = (0..36).rev().collect();
+    let mut random = Random::seeded(12);
+    let mut pulls = Vec::new();
+    for _ in 0..12 {
+        let mut rows = of_a_drifting_source(&mut random, 0.0, &falling);
+        for (k, row) in rows.iter_mut().enumerate() {
+            let part = 3e-4 * (1.0 - (-(k as f64) / 7.0).exp());
+            row.amplitude_ent = row.amplitude_ent.map(|amplitude| amplitude * (1.0 + part));
+        }
+        let found = corner(&rows, &options());
+        assert!(found.drift.is_some());
+        pulls.extend(corners(&found).map(|[value, std]| (value - 58.0) / std));
+    }
+    let rms = (pulls.iter().map(|p| p * p).sum::<f64>() / pulls.len() as f64).sqrt();
+    println!("rms {rms:.2}");
+    // Of 36 values: standard error 0.12.
+    assert!(rms < 1.35, "{rms}");
+}
+
 /// Without a drift the amplitudes have the uncertainty of weighted least squares, and none is told.
 #[test]
 fn a_source_at_rest_costs_nothing() {

@@ -4,7 +4,7 @@ use crate::data::frequency::SineAmplitude;
 use crate::data::note::{Note, NoteKind};
 use crate::data::units::COMPONENTS;
 use crate::fit::statistics::median;
-use crate::measure::corner::{self, Amplitude, AmplitudeDrift, Corner, ModelCorner};
+use crate::measure::corner::{self, Amplitude, AmplitudeDrift, Component, Corner, ModelCorner};
 
 /// Weight in the response fit from which an amplitude counts as used.
 const USED: f64 = 0.5;
@@ -56,9 +56,25 @@ pub(super) fn respond(measured: &mut [SineAmplitude], compared: &[[bool; 3]], no
             }
         }
     }
+    notes.extend(COMPONENTS.into_iter().zip(&corner.components).filter_map(|(name, component)| interpolated(name, component)));
     notes.extend(unexplained(&table, &corner));
     notes.extend(corner.drift.as_ref().map(|drift| drifting(drift, &corner)));
     corner
+}
+
+/// Says of a -3 dB frequency by interpolation that it is far from that of the response: it rests on the two amplitudes beside it and on the largest one,
+/// and a single wrong one moves it.
+fn interpolated(name: &str, component: &Component) -> Option<Note> {
+    /// Two neighbouring frequencies of a programme are hardly farther apart.
+    const FAR: f64 = 1.3;
+    let (igep_hz, model_hz) = (component.f_3db_igep_hz?, component.model.as_ref()?.f_3db_model_hz);
+    (!(1.0 / FAR..=FAR).contains(&(igep_hz / model_hz))).then(|| {
+        let text = format!(
+            "the -3 dB frequency of {name} is {igep_hz:.2} Hz by interpolation between neighbouring amplitudes and {model_hz:.2} Hz by the response: an \
+             amplitude on which the former rests is not that of the others"
+        );
+        Note::new(NoteKind::Fit, text).about(name).with_remedy("use that of the response, or leave the wrong setting out")
+    })
 }
 
 /// Says of a drift of the amplitudes what it does.

@@ -35,6 +35,7 @@ const TELLING: [&str; 10] = [
 pub(super) fn blocks(p: &Protocol, figure: &mut usize) -> Vec<Block> {
     let mut page: Vec<Block> = vec![verdict(p).into()];
     page.extend(failures(p));
+    page.extend(p.contradictions.iter().cloned().map(Block::from));
     page.push(facts(p).into());
     page.extend(p.campaign.file.stated.remarks.iter().map(|text| Block::from(text.as_str())));
     let parameters: Vec<Block> = parts(p).iter().flat_map(|of| of.blocks(p)).collect();
@@ -75,7 +76,12 @@ fn verdict(p: &Protocol) -> Text {
         1 => "1 run has a remark".to_owned(),
         n => format!("{n} runs have remarks"),
     };
-    let verdict = if complete { "Everything that applies to this campaign was done." } else { "The calibration is incomplete." };
+    let verdict = match (complete, p.contradictions.is_empty()) {
+        (true, true) => "Everything that applies to this campaign was done.",
+        (true, false) => "Everything that applies to this campaign was done, and results contradict each other.",
+        (false, true) => "The calibration is incomplete.",
+        (false, false) => "The calibration is incomplete, and results contradict each other.",
+    };
     Text::default().strong(verdict).and(format!(" {counts}; {analyses}; {remarks}."))
 }
 

@@ -9,7 +9,8 @@ use crate::files::ccr;
 use crate::files::output::Pending;
 use crate::files::table::stream::{Batch, Format, Writer};
 use crate::fit::statistics::median;
-use crate::record::temperature_faults::{PLAUSIBLE_DEGC, faults, left_out_text};
+use crate::model::position::Position;
+use crate::record::temperature_faults::{ChannelFault, Fault, PLAUSIBLE_DEGC, faults, left_out_text};
 use std::path::Path;
 
 /// Hands the vectors of a run to a sink and returns the rest of it.
@@ -37,7 +38,44 @@ pub(super) fn read_run(data: &Path, applied: &Applied, allowed: &Reading) -> Res
         let remedy = "name the files of this sensor and mode";
         return Err(Failure::Refused(Finding::error(&data.display().to_string(), rule, remedy)));
     }
+    check_position(data, &own, applied).map_err(Failure::Refused)?;
     Ok(own)
+}
+
+/// Positions that are named one by one.
+const MOST_NAMED: usize = 6;
+
+/// Refuses coil axes for settings in another position than that of the calibration. Its matrix turns to coil axes from its own position alone:
+/// in another one the sensor stands otherwise, and how exactly it was turned there is not known.
+fn check_position(data: &Path, run: &Run, applied: &Applied) -> Result<(), Finding> {
+    let Some(held_in) = &applied.position else { return Ok(()) };
+    let campaigns = Campaign::open(&[data.to_owned()], &mut Vec::new())?;
+    let instructions = campaigns.first().map(|c| &c.file.instructions);
+    let own = Position::from_axes(&held_in.axes).ok();
+    // Positions are the same if their axes are; of one without axes the id is all that is known.
+    let is_same = |id: u32| match (instructions.and_then(|i| i.position(id)), own) {
+        (Some(position), Some(own)) => position == own,
+        _ => id == held_in.id,
+    };
+    let mut others: Vec<u32> = run.settings.iter().map(|s| s.position).filter(|id| !is_same(*id)).collect();
+    others.sort_unstable();
+    others.dedup();
+    if others.is_empty() {
+        return Ok(());
+    }
+    let mut named: Vec<String> = others.iter().take(MOST_NAMED).map(ToString::to_string).collect();
+    if others.len() > MOST_NAMED {
+        named.push(format!("{} more", others.len() - MOST_NAMED));
+    }
+    let rule = format!(
+        "has settings in position{} {}, and the calibration turns to coil axes from position {}, {}, alone",
+        if others.len() == 1 { "" } else { "s" },
+        named.join(", "),
+        held_in.id,
+        held_in.axes.join(" ")
+    );
+    let remedy = "use --frame sensor, or name the CPF of a run in the same position";
+    Err(Finding::error(&data.display().to_string(), rule, remedy))
 }
 
 /// Calibrates the vectors of a run, at the temperatures of its thermistor; what the run and its thermistor show goes to the notes.
@@ -68,6 +106,11 @@ enum Thermometer {
     Constant(f64),
     /// Readings as (s, °C), and their usual distance, s: so far from the readings beside a gap a temperature is still taken from them.
     Series(Vec<(f64, f64)>, f64),
+}
+
+/// Whether a fault is one of a channel. That two channels were exchanged is told of the one of a room, and both are wrong then.
+fn concerns(fault: &ChannelFault, channel: &str) -> bool {
+    fault.channel == channel || matches!(&fault.fault, Fault::Exchanged { other: (other, _), .. } if other == channel)
 }
 
 /// Readings whose distance is more usual distances than this have a gap between them, which a straight line does not close.
@@ -129,7 +172,7 @@ impl Thermometer {
                     work.counts.notes.push(left_out_text(count - series.len(), channel));
                 }
                 if let Some(instructions) = instructions {
-                    let of_channel = faults(run, instructions).into_iter().filter(|fault| fault.channel == channel);
+                    let of_channel = faults(run, instructions).into_iter().filter(|fault| concerns(fault, channel));
                     work.counts.notes.extend(of_channel.map(|fault| fault.text()));
                 }
                 let mut steps: Vec<f64> = series.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();

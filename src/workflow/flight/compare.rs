@@ -5,7 +5,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::time::Tt2000;
 use crate::files::flight::mission::{OffsetFrame, Sensor};
 use crate::flight::comparison::{Course, Disagreement, compare};
-use crate::flight::delay::delay;
+use crate::flight::delay::{Delay, delay, delays_of_modes};
 use crate::flight::table_edges::{TableEdge, steps_at_edges};
 use nalgebra::Vector3;
 use std::collections::{BTreeMap, BTreeSet};
@@ -47,7 +47,8 @@ impl Courses {
             state.map(|state| state.uvw_to_sc.transpose())
         };
         let [first, second] = [first, second].map(|index| mission.sensors[*index].name.as_str());
-        let notes: Vec<Note> = late(own, other, [first, second], day)
+        let modes: Vec<&str> = mission.modes.iter().map(|mode| mode.sid.as_str()).collect();
+        let notes: Vec<Note> = late(own, other, [first, second], &modes, day)
             .into_iter()
             .chain(compare(own, other, &axes).map(|found| unlike(&found, [first, second], day)))
             .collect();
@@ -86,18 +87,26 @@ fn unlike(found: &Disagreement, [first, second]: [&str; 2], day: i32) -> Note {
     Note::new(NoteKind::Mismatch, text).about(second).with_remedy(remedy)
 }
 
-/// A note on times of one sensor that are late against those of the other.
-fn late(own: &Course, other: &Course, [first, second]: [&str; 2], day: i32) -> Option<Note> {
-    let found = delay(own, other)?;
-    let (early, late) = if found.second_late_s > 0.0 { (first, second) } else { (second, first) };
-    let text = format!(
-        "on {} the field changes {:.1} s +- {:.1} s later at {late} than at {early}, and it reaches both at once",
-        day_name(day),
-        found.second_late_s.abs(),
-        found.std_s
-    );
-    let remedy = "check the time scale and the clock of both, and the shifts of their modes";
-    Some(Note::new(NoteKind::Mismatch, text).about(second).with_remedy(remedy))
+/// Notes on times of one sensor that are late against those of the other, of all modes or of single ones.
+fn late(own: &Course, other: &Course, [first, second]: [&str; 2], modes: &[&str], day: i32) -> Vec<Note> {
+    let note = |found: &Delay, mode: &str, remedy: &str| {
+        let (early, late) = if found.second_late_s > 0.0 { (first, second) } else { (second, first) };
+        let text = format!(
+            "on {}{mode} the field changes {:.1} s +- {:.1} s later at {late} than at {early}, and it reaches both at once",
+            day_name(day),
+            found.second_late_s.abs(),
+            found.std_s
+        );
+        Note::new(NoteKind::Mismatch, text).about(second).with_remedy(remedy)
+    };
+    if let Some(found) = delay(own, other) {
+        return vec![note(&found, "", "check the time scale and the clock of both, and the shifts of their modes")];
+    }
+    let of_mode = |(mode, found): (u8, Delay)| {
+        let sid = modes.get(usize::from(mode)).copied().unwrap_or_default();
+        note(&found, &format!(" in mode {sid}"), "check `shift_s` of this mode of both: its sign, its size and its role")
+    };
+    delays_of_modes(own, other).into_iter().map(of_mode).collect()
 }
 
 /// Notes on steps of the field of a sensor in axes of the spacecraft where its boom states or its table of offsets change within a day.
@@ -107,8 +116,17 @@ pub fn steps_of_tables(prepared: &Prepared, course: &Course, sensor: &Sensor, da
         return Vec::new();
     }
     let state = |time: Tt2000| sensor.rotations.iter().find(|state| state.span.holds(time)).map(|state| state.uvw_to_sc);
-    let jumps = || sensor.jumps.iter().filter(|jump| acts("offsets") && jump.frame == OffsetFrame::Sc && jump.range.is_none());
-    let offset = |time: Tt2000| jumps().find(|jump| jump.span.holds(time)).map(|jump| jump.subtract_nt);
+    let jumps = || sensor.jumps.iter().filter(|jump| acts("offsets") && jump.range.is_none());
+    // What is taken off at a time, in axes of the spacecraft.
+    let offset = |time: Tt2000| {
+        let of =
+            |frame: OffsetFrame| jumps().find(|jump| jump.frame == frame && jump.span.holds(time)).map(|jump| jump.subtract_nt);
+        let uvw = of(OffsetFrame::Uvw).zip(state(time)).map(|(taken, turn)| turn * taken);
+        match (of(OffsetFrame::Sc), uvw) {
+            (Some(sc), Some(uvw)) => Some(sc + uvw),
+            (one, other) => one.or(other),
+        }
+    };
     let spans = sensor.rotations.iter().map(|state| state.span).chain(jumps().map(|jump| jump.span));
     let times: BTreeSet<Tt2000> = spans.flat_map(|span| [span.from, span.to]).filter(|time| day.contains(time)).collect();
     let edge = |time: Tt2000| -> Option<TableEdge> {

@@ -14,6 +14,7 @@ use crate::files::table::long::GROUP_ROWS;
 use crate::fit::spectrum::Density;
 use crate::flight::assemble::{RowCounts, assemble, blocks};
 use crate::flight::comparison::Course;
+use crate::flight::field_steps::unstated_steps;
 use crate::flight::made::DayMade;
 use crate::flight::means::{Means, means};
 use crate::flight::screens;
@@ -152,6 +153,10 @@ impl<'a> Context<'a> {
         self.count_modes(&blocks, &mut made);
         let through = |stage: Stage, blocks: &mut Vec<Block>| blocks.par_iter_mut().for_each(|b| steps.apply(stage, b));
         through(Stage::A, &mut blocks);
+        // In axes of the sensor the field changes where its boom moves, and where an offset jumps that is taken off behind them.
+        let spans = sensor.rotations.iter().map(|state| state.span).chain(sensor.jumps.iter().map(|jump| jump.span));
+        let stated: Vec<Tt2000> = spans.flat_map(|span| [span.from, span.to]).collect();
+        made.notes.extend(unstated_steps(&blocks, &day, &stated, &prepared.leap));
         self.hand_on(Level::A, Level::E, &blocks, &inputs, &mut made, sink)?;
         if let Some(place) = &self.course {
             let course = in_spacecraft(Course::of(&blocks, &day), &steps);
@@ -281,7 +286,7 @@ fn in_spacecraft(course: Course, steps: &Steps) -> Course {
     let n = course.time.len();
     let mut block = Block { time: course.time, field: course.field_nt, flags: vec![0; n], range: vec![0; n], ..Block::default() };
     steps.apply(Stage::B, &mut block);
-    Course { time: block.time, field_nt: block.field }
+    Course { time: block.time, field_nt: block.field, mode: course.mode }
 }
 
 /// Vectors of a stretch before their steps.

@@ -12,9 +12,10 @@ use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
 use crate::flight::Block;
 use crate::flight::assemble::RowCounts;
-use crate::flight::housekeeping::{common_factor, differing, field_ent, late_s, negative_v, positive_v, reference_v};
+use crate::flight::housekeeping::{common_factor, differing, field_ent, late_s, negative_v, part_apart, positive_v, reference_v};
 use crate::flight::made::DayMade;
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 /// Columns that are passed on as they are.
 const PASSED: [&str; 3] = ["stage_a_id", "stage_b_id", "filter_cfg"];
@@ -145,7 +146,7 @@ pub fn against_telemetry(prepared: &Prepared, index: usize, day: i32, blocks: &[
     let thermistor = plain(&sensor.thermistor_column);
     let columns = [format!("bx_{name}"), format!("by_{name}"), format!("bz_{name}"), thermistor];
     let files = prepared.mission.hk.as_ref().and_then(|folder| day_files(folder).ok()).unwrap_or_default();
-    let mut pairs: [Vec<[f64; 2]>; 4] = Default::default();
+    let mut readings_of: [Vec<(i64, [f64; 2])>; 4] = Default::default();
     let mut thermistors: Vec<(i64, f64)> = Vec::new();
     for file in files.iter().filter(|file| file.day == Some(day)) {
         let Ok(own) = HousekeepingFile::open(prepared, file) else { continue };
@@ -159,26 +160,62 @@ pub fn against_telemetry(prepared: &Prepared, index: usize, day: i32, blocks: &[
         let rows: Vec<usize> = beside.iter().map(|(reading, ..)| *reading).collect();
         for (k, column) in columns.iter().enumerate() {
             let Ok(Some(readings)) = own.readings(prepared, column, &rows) else { continue };
-            pairs[k].extend(beside.iter().zip(readings).map(|((_, block, row), reading)| match block.field.get(k) {
-                Some(counts) => {
-                    let factor = sensor.counts.ent_per_count(block.range[*row]);
-                    [field_ent(reading), counts[*row] * factor + sensor.counts.shift_ent()]
-                }
-                None => [reading, block.thermistor[*row]],
+            readings_of[k].extend(beside.iter().zip(readings).map(|((_, block, row), reading)| {
+                let pair = match block.field.get(k) {
+                    Some(counts) => {
+                        let factor = sensor.counts.ent_per_count(block.range[*row]);
+                        [field_ent(reading), counts[*row] * factor + sensor.counts.shift_ent()]
+                    }
+                    None => [reading, block.thermistor[*row]],
+                };
+                (block.time[*row], pair)
             }));
         }
     }
-    let told = |(k, column): (usize, &String)| {
-        let (floor, part, unit) = if k < 3 { (FIELD_ENT, FIELD_PART, "enT") } else { (THERMISTOR_COUNTS, 0.0, "counts") };
-        let (count, most) = differing(&pairs[k], floor, part)?;
-        Some(format!("{count} of {} of `{column}` by up to {most:.0} {unit}", pairs[k].len()))
-    };
+    readings_of.iter_mut().for_each(|list| list.sort_by_key(|(time, _)| *time));
+    let times = readings_of.each_ref().map(|list| list.iter().map(|(time, _)| *time).collect::<Vec<i64>>());
+    let pairs = readings_of.map(|list| list.into_iter().map(|(_, pair)| pair).collect::<Vec<[f64; 2]>>());
     // Fields that have nothing to do with each other are no fault of one of them: another component agrees, or all have one factor.
     let is_apart = |k: &usize| differing(&pairs[*k], FIELD_ENT, FIELD_PART).is_some();
     let factor = common_factor(&pairs[..3], FIELD_ENT, FIELD_PART);
-    let is_same = (0..3).any(|k| !pairs[k].is_empty() && !is_apart(&k)) || factor.is_some();
-    let mut found: Vec<String> = columns.iter().enumerate().filter(|(k, _)| *k > 2 || is_same).filter_map(told).collect();
-    if let Some(factor) = factor.filter(|_| (0..3).all(|k| is_apart(&k))) {
+    // A factor that holds for a part of the day, outside of which all agree, says it as well.
+    let common = part_apart(&pairs[..3], FIELD_ENT, FIELD_PART).filter(|_| times[0] == times[1] && times[1] == times[2]);
+    let common = common.and_then(|rows| {
+        let inside: Vec<Vec<[f64; 2]>> = pairs[..3].iter().map(|list| list[rows.clone()].to_vec()).collect();
+        common_factor(&inside, FIELD_ENT, FIELD_PART).map(|factor| (rows, factor))
+    });
+    let is_same = (0..3).any(|k| !pairs[k].is_empty() && !is_apart(&k)) || factor.is_some() || common.is_some();
+    let parts = [0, 1, 2].map(|k: usize| part_apart(&pairs[k..=k], FIELD_ENT, FIELD_PART));
+    let when = |k: usize, rows: &Range<usize>| {
+        let [from, to] = [rows.start, rows.end - 1].map(|row| prepared.leap.utc(times[k][row]));
+        match (rows.start, times[k].len() - rows.end) {
+            (0, _) => format!(" up to {to}"),
+            (_, 0) => format!(" from {from} on"),
+            _ => format!(" from {from} to {to}"),
+        }
+    };
+    // Readings that differ for a part of the day are a fault if another component agrees there.
+    let agrees_beside = |k: usize, rows: &Range<usize>| {
+        let mut others = (0..3).filter(|other| *other != k && times[*other] == times[k]);
+        others.any(|other| differing(&pairs[other][rows.clone()], FIELD_ENT, FIELD_PART).is_none())
+    };
+    let told = |(k, column): (usize, &String)| {
+        let (floor, part, unit) = if k < 3 { (FIELD_ENT, FIELD_PART, "enT") } else { (THERMISTOR_COUNTS, 0.0, "counts") };
+        let rows = parts.get(k).and_then(Option::as_ref);
+        let of_day = || differing(&pairs[k], floor, part).filter(|_| k > 2 || is_same);
+        let of_part = || {
+            let rows = rows.filter(|rows| agrees_beside(k, rows))?;
+            differing(&pairs[k][rows.clone()], floor, part)
+        };
+        let (count, most) = of_day().or_else(of_part)?;
+        let when = rows.filter(|_| common.is_none()).map(|rows| when(k, rows)).unwrap_or_default();
+        Some(format!("{count} of {} of `{column}` by up to {most:.0} {unit}{when}", pairs[k].len()))
+    };
+    let mut found: Vec<String> = columns.iter().enumerate().filter_map(told).collect();
+    if let Some((rows, factor)) = &common {
+        found.push(format!("all three by a factor {factor:.3}{}", when(0, rows)));
+    }
+    if let Some(factor) = factor.filter(|_| common.is_none() && (0..3).all(|k| is_apart(&k))) {
         found.push(format!("all three by a factor {factor:.3}"));
     }
     let unlike = (!found.is_empty()).then(|| {

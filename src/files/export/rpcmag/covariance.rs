@@ -203,6 +203,7 @@ impl RpcMag {
             sensor: self.sensor.clone(),
             mode: self.mode.clone(),
             location: Location::Centre,
+            position: None,
             channel: None,
             known_effects: self.known_effects.clone(),
             models: Vec::new(),
