@@ -1155,15 +1155,16 @@ fn exchanged_columns_of_temperatures_are_told() {
     let made = made(9);
     let mut run = Plan::default().run().key("sensor", "\"IB\"").key("mode", "\"m\"");
     let mut told = |channels: [f64; 2]| {
-        run.temperatures.iter_mut().for_each(|(_, values)| *values = channels.map(Some));
+        // Fewer than four readings are not judged.
+        run.temperatures = (0..8).map(|i| (10.0 * f64::from(i), channels.map(Some))).collect();
         let case = Case::of(run.text());
         done(&apply(&[&made.tpf, &made.tof], &case.file(), &case.path().join("applied"), &[]))
     };
     let words = "as if the two were exchanged";
     let right = told([17.0, 58.0]);
     assert!(!right.contains(words), "{right}");
-    let exchanged = told([90.0, 17.0]);
-    says(&exchanged, &["warning: ", "temperature channel T29 of a room reads 90.0 °C and T59 17.0 °C", words]);
+    let exchanged = told([130.0, 17.0]);
+    says(&exchanged, &["warning: ", "temperature channel T29 of a room reads 130.0 °C and T59 17.0 °C", words]);
     assert_eq!(exchanged.matches(words).count(), 1, "{exchanged}");
 }
 

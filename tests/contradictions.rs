@@ -72,7 +72,7 @@ fn offsets_that_differ_are_told() {
     change(&case, 11, 0, |_, reading| reading / 1000.0);
     let told = told(&case);
     let [offset, zero] = told.as_slice() else { panic!("{told:?}") };
-    says(offset, &["offset with residual field of x", &format!("of {} and of {} differ by -10.", id(8, 1), id(9, 1))]);
+    says(offset, &["offset with residual field of x", &format!("of {} and of {} differ by -9.9", id(8, 1), id(9, 1))]);
     says(zero, &["offset with residual field of ", &format!("of {} and of {} differ by", id(8, 0), id(11, 0))]);
 }
 
