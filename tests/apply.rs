@@ -1192,7 +1192,8 @@ fn jumps_of_the_temperatures_of_a_table_are_told() {
     let level = |i: usize, first: usize| if i < first { 20.0 } else { 50.0 };
     let long = told("long.csv", 40_000, &|i| (second(i), level(i, 25_000) + 0.01 * (i % 7) as f64));
     says(&long, &["long.csv: its column `t_degc` jumps once by +30.0 K at 25000 s"]);
-    let quiet: [(&str, &dyn Fn(usize) -> (f64, f64)); 3] = [
+    type Rows<'a> = &'a dyn Fn(usize) -> (f64, f64);
+    let quiet: [(&str, Rows); 3] = [
         ("ramp.csv", &|i| (second(i), 20.0 + 0.1 * second(i))),
         ("held.csv", &|i| (second(i), 20.0 + 2.0 * second(i / 20))),
         ("other.csv", &|i| (second(i * 7 % 13), level(i, 150))),

@@ -103,3 +103,15 @@ fn sensitivities_of_one_temperature_that_differ_are_told() {
         says(line, &["sigma_", &id(15, 0), "nT/enT"]);
     }
 }
+
+/// One run names the mode with a capital: it is left out of its group, which has to be said.
+#[test]
+fn names_that_are_nearly_equal_are_told() {
+    let case = sound();
+    let path = file(&case, 8, 1);
+    let text_of_run = fs::read_to_string(&path).unwrap();
+    let line = text_of_run.lines().find(|line| line.starts_with("mode = ")).unwrap();
+    fs::write(&path, text_of_run.replacen(line, &line.to_uppercase().replace("MODE = ", "mode = "), 1)).unwrap();
+    let output = case.run("report", &["--no-plots"]);
+    says(&text(&output.stderr), &["whose names are nearly equal", "write the names in one way"]);
+}

@@ -95,9 +95,31 @@ impl Difference {
 pub fn contradictions(all: &Results) -> Vec<Note> {
     let curves: Vec<Curves> =
         all.groups.iter().filter_map(|g| Curves::of_group(g)).chain(all.sweeps.iter().map(|s| Curves::of_sweep(s))).collect();
-    let mut notes = between_curves(&curves);
+    let mut notes = spelled_otherwise(all.points);
+    notes.extend(between_curves(&curves));
     notes.extend(between_runs(all));
     notes.extend(of_offsets(all, &curves));
+    notes
+}
+
+/// Names of sensors, or of modes of a sensor, that differ by nothing but capitals, blanks and marks: their runs are in groups of their own.
+fn spelled_otherwise(points: &[CalibratedRun]) -> Vec<Note> {
+    let plain = |name: &str| -> String { name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect() };
+    let mut names: Vec<(&str, &str)> = points.iter().map(|p| (p.run.sensor.as_str(), p.run.mode.as_str())).collect();
+    names.sort_unstable();
+    names.dedup();
+    let mut notes = Vec::new();
+    for (k, (sensor, mode)) in names.iter().enumerate() {
+        for (other, its) in &names[k + 1..] {
+            if plain(sensor) == plain(other) && plain(mode) == plain(its) {
+                let text = format!(
+                    "runs of `{sensor}` in mode `{mode}` and of `{other}` in mode `{its}` are taken as of two, whose names are nearly equal"
+                );
+                let remedy = "write the names in one way in the heads of the runs if they are of one";
+                notes.push(Note::new(NoteKind::Mismatch, text).about(*sensor).with_remedy(remedy));
+            }
+        }
+    }
     notes
 }
 
