@@ -8,7 +8,7 @@ use super::means::Means;
 use super::problem;
 use super::result::{Diagnosis, Pictures, Step};
 use super::samples::{self, Inside};
-use super::steps::inside_step;
+use super::steps::{fit_into, inside_step};
 use super::{DiagnoseError, Given, Options, inside_maps, lag};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::Plateaus;
@@ -120,8 +120,8 @@ pub(super) fn run(
     if let Some(samples) = samples.filter(|_| !options.without_insides) {
         pictures.inside = inside_maps::of(&prepared, samples, &settings, &inside.all, inside.known, steps.len());
     }
-    for found in inside.found() {
-        steps.push(inside_step(found, &prepared, is_displaced, &settings));
+    for (found, fits_settings) in inside.found().iter().zip(fit_into(inside.found(), &settings)) {
+        steps.push(inside_step(found, &prepared, is_displaced, fits_settings));
     }
     // A displacement of less than a sample or so is no effect of its own, but what the means are made of. One that was found is a step.
     let mut of_plateaus: Vec<Note> = Vec::new();

@@ -204,7 +204,7 @@ pub fn shape_parameters(form: &Spec, std: impl Fn(&str, f64) -> Option<f64>) -> 
 
 /// A step found in the samples. Edges that are displaced leave something beside the settings, which comes again with these: a periodic signal
 /// beside them is not certain.
-pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun, is_shifted: bool, settings_s: &[[f64; 2]]) -> Step {
+pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun, is_shifted: bool, fits_settings: bool) -> Step {
     let columns = found.effect.columns(&prepared.record, &found.spec).unwrap_or_default();
     let shape_std = |name: &str, _| found.shape_std.iter().find(|(n, _)| n == name).map(|(_, s)| *s);
     let mut parameters = linear_parameters(columns.iter().map(|c| (c.name.as_str(), c.unit)), &found.values);
@@ -217,7 +217,6 @@ pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun, is_shifted: bo
     };
     let significance = Significance::of_trials(found.p_value, found.trials, found.strength);
     let is_beside_shift = is_shifted && found.effect.about().family == Family::Periodic && !found.effect.is(&TimeShift);
-    let fits_settings = found.effect.period_s(&found.spec).is_some_and(|period_s| fits(period_s, settings_s));
     let facts = Facts {
         parameters,
         place: found.effect.place_in_samples(&found.spec),
@@ -234,22 +233,25 @@ pub(super) fn inside_step(found: &Inside, prepared: &PreparedRun, is_shifted: bo
 /// What is said of a period that fits into the settings.
 const FITS: &str = " Its period fits into the settings: what happens in the same place of each of them looks the same.";
 
-/// Whether a whole number of periods goes from every setting to the next, as far as the length of the record tells the period.
-fn fits(period_s: f64, settings_s: &[[f64; 2]]) -> bool {
+/// Which of some signals have a period of which a whole number goes from every setting to the next, as far as the length of the record tells it. What
+/// happens in the same place of every setting has long waves; where one of those fits, the short ones that do are of the same.
+pub(super) fn fit_into(found: &[Inside], settings_s: &[[f64; 2]]) -> Vec<bool> {
     /// Settings of unequal lengths have no period.
     const EQUAL: f64 = 0.01;
-    /// What happens in the same place of every setting has no more waves in it than this.
-    const MOST: f64 = 16.0;
+    /// Waves of this many periods in a setting are long ones.
+    const LONG: f64 = 16.0;
     let mut steps_s: Vec<f64> = settings_s.windows(2).map(|pair| pair[1][0] - pair[0][0]).collect();
-    if steps_s.is_empty() {
-        return false;
-    }
     let usual_s = median(&mut steps_s);
     let equal = steps_s.iter().filter(|step_s| (*step_s - usual_s).abs() <= EQUAL * usual_s).count();
-    let periods = usual_s / period_s;
     // The record tells a frequency to one period in its length.
-    let is_whole = (periods - periods.round()).abs() * settings_s.len() as f64 <= 1.0;
-    2 * equal > steps_s.len() && (1.0..=MOST).contains(&periods.round()) && is_whole
+    let whole = |found: &Inside| {
+        let periods = usual_s / found.effect.period_s(&found.spec)?;
+        let is_whole = periods >= 0.5 && (periods - periods.round()).abs() * settings_s.len() as f64 <= 1.0;
+        (2 * equal > steps_s.len() && is_whole).then_some(periods)
+    };
+    let all: Vec<Option<f64>> = found.iter().map(whole).collect();
+    let any_long = all.iter().flatten().any(|periods| *periods <= LONG);
+    all.into_iter().map(|periods| any_long && periods.is_some()).collect()
 }
 
 /// The facts of a thermistor that jumps, as its own readings show them: those of the sensor have not been asked.

@@ -11,7 +11,7 @@ use crate::data::across::{CalibratedRun, CommonChange, RunValues};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::{Rows, RunHead};
 use crate::data::run::Location;
-use crate::data::units::{COMPONENTS, six_digits};
+use crate::data::units::{COMPONENTS, counted, six_digits};
 use crate::data::zero_field::ZeroFieldFound;
 use crate::model::campaign::{LARGEST_SIGMA_PER_K, LARGEST_XI_DEG_PER_K};
 use crate::model::position::Position;
@@ -90,7 +90,7 @@ impl Difference {
     }
 }
 
-/// What contradicts itself, the clearest difference of every two results.
+/// What contradicts itself, the clearest difference of each kind.
 #[must_use]
 pub fn contradictions(all: &Results) -> Vec<Note> {
     let curves: Vec<Curves> =
@@ -127,7 +127,6 @@ fn spelled_otherwise(points: &[CalibratedRun]) -> Vec<Note> {
 struct Curves<'a> {
     name: String,
     key: Key<'a>,
-    channel: Option<&'a str>,
     quantities: &'a [QuantityFit],
 }
 
@@ -139,7 +138,6 @@ impl<'a> Curves<'a> {
         is_linear.then(|| Self {
             name: format!("the runs {} to {}", runs.ids.first().map_or("", |id| id), runs.ids.last().map_or("", |id| id)),
             key: (&runs.sensor, &runs.mode, runs.location),
-            channel: runs.channel.as_deref(),
             quantities: &group.quantities,
         })
     }
@@ -148,7 +146,6 @@ impl<'a> Curves<'a> {
         Self {
             name: format!("the sweep {}", sweep.run.id),
             key: (&sweep.run.sensor, &sweep.run.mode, sweep.run.location),
-            channel: Some(&sweep.channel),
             quantities: &sweep.quantities,
         }
     }
@@ -173,8 +170,39 @@ fn at(fit: &QuantityFit, degc: f64) -> Value {
     (value, std.hypot(of_facility.sqrt()))
 }
 
-fn between_curves(curves: &[Curves]) -> Vec<Note> {
+/// Two results that differ.
+struct Pair<'a> {
+    names: [&'a str; 2],
+    key: Key<'a>,
+    /// Whether the sensor stood in two orientations.
+    is_turned: bool,
+    difference: Difference,
+}
+
+/// Where a sensor stood in two orientations.
+const TURNED_REMEDY: &str = "the sensor stood in two orientations: scale factors and angles of the coil system look like those of the sensor, name its facility \
+                             file with --facility; otherwise one of them has other fields or readings than it says";
+
+/// The clearest of the pairs of every sensor, mode and place in one orientation, and of those in two.
+fn clearest_of_each(mut pairs: Vec<Pair>, remedy: &str) -> Vec<Note> {
     let mut notes = Vec::new();
+    while let Some(first) = pairs.first() {
+        let (key, is_turned) = (first.key, first.is_turned);
+        let (own, others): (Vec<Pair>, Vec<Pair>) = pairs.into_iter().partition(|p| p.key == key && p.is_turned == is_turned);
+        pairs = others;
+        let more = own.len() - 1;
+        let Some(most) = own.into_iter().max_by(|a, b| a.difference.times().total_cmp(&b.difference.times())) else { continue };
+        let mut note = most.difference.note(most.names, if is_turned { TURNED_REMEDY } else { remedy });
+        if more > 0 {
+            note.text.push_str(&format!("; {} of them differ as clearly", counted(more as u64, "other pair")));
+        }
+        notes.push(note);
+    }
+    notes
+}
+
+fn between_curves(curves: &[Curves]) -> Vec<Note> {
+    let mut pairs = Vec::new();
     for (k, a) in curves.iter().enumerate() {
         for b in curves[k + 1..].iter().filter(|b| b.key == a.key) {
             let each = QUANTITIES.iter().zip(UNITS).flat_map(|(names, unit)| names.iter().map(move |name| (*name, unit)));
@@ -190,19 +218,14 @@ fn between_curves(curves: &[Curves]) -> Vec<Note> {
                     })
                 })
             });
-            let remedy = match (a.channel, b.channel) {
-                (Some(a), Some(b)) if a != b => {
-                    format!(
-                        "they follow two thermistors, {a} and {b}, which may differ; find out which of the two is right before either is used"
-                    )
-                }
-                _ => "one of them has other fields, readings or temperatures than it says; find out which before either is used"
-                    .to_owned(),
-            };
-            notes.extend(Difference::clearest(differences).map(|d| d.note([&a.name, &b.name], &remedy)));
+            if let Some(difference) = Difference::clearest(differences) {
+                pairs.push(Pair { names: [&a.name, &b.name], key: a.key, is_turned: false, difference });
+            }
         }
     }
-    notes
+    let remedy = "one of them has other fields, readings, temperatures or another thermistor than it says, or the sensor stood in two orientations without \
+                  the facility file of the coil system; find out which before either is used";
+    clearest_of_each(pairs, remedy)
 }
 
 /// A linearity run.
@@ -250,7 +273,7 @@ fn between_runs(all: &Results) -> Vec<Note> {
         let holds = |group: &Thermal, run: &Linear| group.runs.files.iter().any(|file| file == run.file);
         all.groups.iter().any(|group| holds(group, a) && holds(group, b))
     };
-    let mut notes = Vec::new();
+    let mut pairs = Vec::new();
     for (k, a) in runs.iter().enumerate() {
         for b in runs[k + 1..].iter().filter(|b| b.key == a.key && !in_one_group(a, b)) {
             let apart_k = (a.degc - b.degc).abs();
@@ -263,12 +286,15 @@ fn between_runs(all: &Results) -> Vec<Note> {
                 let other = (value, std.hypot(LARGEST[which] * apart_k));
                 Difference::of(QUANTITIES[which][i], UNITS[which], [a.values[which][i], other])
             });
-            let remedy =
-                "the runs are of one sensor, mode and temperature: one of them has other fields or readings than it says";
-            notes.extend(Difference::clearest(differences).map(|d| d.note([a.id, b.id], remedy)));
+            if let Some(difference) = Difference::clearest(differences) {
+                pairs.push(Pair { names: [a.id, b.id], key: a.key, is_turned: a.r_nom != b.r_nom, difference });
+            }
         }
     }
-    notes
+    clearest_of_each(
+        pairs,
+        "the runs are of one sensor, mode and temperature: one of them has other fields or readings than it says",
+    )
 }
 
 /// Offset with residual field as another run has it.
