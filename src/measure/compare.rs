@@ -22,6 +22,8 @@ const CLEAR: f64 = 5.0;
 const NEAR_K: f64 = 1.0;
 /// Offsets are compared at one temperature, K, where no polynomials take them from one to the other.
 const SAME_K: f64 = 0.2;
+/// By so much, enT, the residual field of a coil system and the offset of a sensor may differ from run to run.
+const MOVES_ENT: f64 = 0.5;
 /// Axes whose directions no file tells are not turned by more, radians.
 const TURNED: f64 = 0.05;
 /// Sensitivities and angles by name.
@@ -313,7 +315,26 @@ struct OffsetSum<'a> {
 fn of_offsets(all: &Results, curves: &[Curves]) -> Vec<Note> {
     let runs: Vec<Linear> = all.points.iter().filter_map(Linear::of).collect();
     let others = all.points.iter().filter_map(of_offset_run).chain(all.zero_fields.iter().filter_map(of_zero_field));
-    others.filter_map(|other| against_linear(&other, &runs, curves)).collect()
+    others.filter_map(|other| against_linear(&other, &runs, curves, moves_ent(all.points, other.key))).collect()
+}
+
+/// By how much offset and residual field move from run to run, enT: as the residual fields of the offset runs of a sensor differ, and by [`MOVES_ENT`] at least.
+fn moves_ent(points: &[CalibratedRun], of: Key) -> f64 {
+    let residuals: Vec<[f64; 3]> = points
+        .iter()
+        .filter(|point| key(point) == of)
+        .filter_map(|point| match &point.values {
+            RunValues::Offset { residual_ent, .. } => Some(*residual_ent),
+            _ => None,
+        })
+        .collect();
+    let std = |i: usize| {
+        let known: Vec<f64> = residuals.iter().map(|r| r[i]).filter(|r| r.is_finite()).collect();
+        let mean = known.iter().sum::<f64>() / known.len() as f64;
+        let squares: f64 = known.iter().map(|r| (r - mean).powi(2)).sum();
+        if known.len() > 1 { (squares / (known.len() - 1) as f64).sqrt() } else { 0.0 }
+    };
+    (0..3).map(std).fold(MOVES_ENT, f64::max)
 }
 
 /// The nominal axis that a component of a linearity run has along a coil axis: its sign, or zero where it has another one.
@@ -322,7 +343,7 @@ fn sign_along(r_nom: &Rows, coil: usize, component: usize) -> f64 {
     if along.abs() > 0.9 { along.signum() } else { 0.0 }
 }
 
-fn against_linear(other: &OffsetSum, runs: &[Linear], curves: &[Curves]) -> Option<Note> {
+fn against_linear(other: &OffsetSum, runs: &[Linear], curves: &[Curves], moves_ent: f64) -> Option<Note> {
     let compared = runs.iter().filter(|run| run.key == other.key).filter_map(|run| {
         let r_nom = run.r_nom?;
         let mut apart_k = f64::INFINITY;
@@ -331,7 +352,7 @@ fn against_linear(other: &OffsetSum, runs: &[Linear], curves: &[Curves]) -> Opti
                 let (degc, (value, std)) = other.values[i]?;
                 let (coil, sign, residual_ent) = other.seen[i];
                 // An axis that is turned a little sees a part of the residual field of the others, in its own way in every position.
-                let std = std.hypot(run.turned * other.residual_ent);
+                let std = std.hypot(run.turned * other.residual_ent).hypot(moves_ent);
                 let turned = sign_along(r_nom, coil, i) * sign;
                 let value = match residual_ent {
                     _ if turned == 1.0 => value,
@@ -354,7 +375,8 @@ fn against_linear(other: &OffsetSum, runs: &[Linear], curves: &[Curves]) -> Opti
     });
     // The run nearest in temperature.
     let (_, run, differences) = compared.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let remedy = "the offset moved between the runs, or one of them has other readings or positions than it says";
+    let remedy =
+        "one of them has other readings or positions than it says, or the offset moved between them: repeat one of the two";
     Difference::clearest(differences.into_iter()).map(|d| d.note([run.id, other.id], remedy))
 }
 
