@@ -39,8 +39,6 @@ struct MostLikely {
     std_s: f64,
     /// Signal to noise ratio.
     strength: f64,
-    /// Temperature of the part that matters at every row, °C.
-    degc: Vec<f64>,
 }
 
 /// What temperatures without and with the lag predict of held-out stretches.
@@ -69,10 +67,9 @@ pub(super) fn find(
     let best = scored.explanation(effect.as_str()).filter(|e| e.evidence >= LEAST_EVIDENCE)?;
     let rivals: Vec<&Explanation> =
         scored.explanations.iter().filter(|e| e.key != effect.as_str() && e.best_evidence > 0.0).take(RIVALS).collect();
-    let MostLikely { lag, std_s, strength, degc } = most_likely(prepared, readings, &sensor.course)?;
+    let MostLikely { lag, std_s, strength } = most_likely(prepared, readings, &sensor.course)?;
     let mut lagged = prepared.clone();
-    lagged.with_temperatures(degc);
-    lagged.lag_s = lag.seconds().abs();
+    lagged.follow(lag);
     let candidates: Vec<&Candidate> = rivals.iter().map(|e| &means.candidates[e.best]).collect();
     let Compared { without, with, log_ratios, row_std_ent } = compared(&means, &model, &candidates, &lagged, catalogue)?;
     let is_better = |(e, log_ratio): (&&Explanation, &f64)| *log_ratio >= if e.evidence > best.evidence { 0.0 } else { APART };
@@ -134,8 +131,7 @@ fn most_likely(prepared: &PreparedRun, readings: &DMatrix<f64>, course: &Course)
     let length = prepared.record.span_s[1] - prepared.record.span_s[0];
     let [delay, time_constant] = lag::search(LONGEST_PART * length, |lag| freedom * squares(&degc(lag)).ln());
     let best = if delay.deviance <= time_constant.deviance { delay } else { time_constant };
-    let lagged = degc(best.lag);
-    let (before, after) = (squares(&degc(Lag::Delay(0.0))), squares(&lagged));
+    let (before, after) = (squares(&degc(Lag::Delay(0.0))), squares(&degc(best.lag)));
     if after >= before {
         return None;
     }
@@ -145,7 +141,6 @@ fn most_likely(prepared: &PreparedRun, readings: &DMatrix<f64>, course: &Course)
         lag: best.lag,
         std_s: (best.std_s.powi(2) + interval_s * interval_s / 12.0).sqrt(),
         strength: (values * (before / after).ln()).max(0.0).sqrt(),
-        degc: lagged,
     })
 }
 

@@ -3,6 +3,7 @@
 
 use super::Block;
 use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
+use crate::data::units::COMPONENTS;
 use crate::fit::statistics::median;
 use nalgebra::Vector3;
 use std::ops::Range;
@@ -28,7 +29,6 @@ const LEAST_VECTORS: usize = 100;
 const STATED_NS: i64 = 10 * SECOND_NS;
 /// Components that change by less than this part of the largest one are not named.
 const NAMED_PART: f64 = 0.1;
-const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// A pair of neighbours.
 struct Place {
@@ -69,7 +69,7 @@ pub fn unstated_steps(blocks: &[Block], span: &Range<Tt2000>, stated: &[Tt2000],
     let count = (1..=MOST_STEPS).rev().find(stands_out)?;
     let (most, others_nt) = (steps.first()?, steps.get(count)?.size_nt);
     let named = |i: &usize| most.step_nt[*i].abs() >= NAMED_PART * most.step_nt.amax();
-    let sizes: Vec<String> = (0..3).filter(named).map(|i| format!("{:+.1} nT in {}", most.step_nt[i], AXES[i])).collect();
+    let sizes: Vec<String> = (0..3).filter(named).map(|i| format!("{:+.1} nT in {}", most.step_nt[i], COMPONENTS[i])).collect();
     let times = if count == 1 { String::new() } else { format!(" {count} times, most") };
     let cause = match most.ranges {
         [before, behind] if before != behind => {

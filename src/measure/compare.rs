@@ -5,6 +5,7 @@
 //! * sensitivities and angles of linearity runs at one temperature that are in no group together
 //! * offset and residual field of a linearity run, against those of an offset run and against the mean of a zero-field run
 
+use super::coil::AXES;
 use super::sweep::Sweep;
 use super::thermal::{QuantityFit, Thermal};
 use crate::data::across::{CalibratedRun, CommonChange, RunValues};
@@ -14,6 +15,7 @@ use crate::data::run::Location;
 use crate::data::units::{COMPONENTS, counted, six_digits};
 use crate::data::zero_field::ZeroFieldFound;
 use crate::model::campaign::{LARGEST_SIGMA_PER_K, LARGEST_XI_DEG_PER_K};
+use crate::model::polynomial;
 use crate::model::position::Position;
 
 /// Standard uncertainties of a difference beyond which it is told: `E_n` = 2.5.
@@ -99,8 +101,9 @@ pub fn contradictions(all: &Results) -> Vec<Note> {
         all.groups.iter().filter_map(|g| Curves::of_group(g)).chain(all.sweeps.iter().map(|s| Curves::of_sweep(s))).collect();
     let mut notes = spelled_otherwise(all.points);
     notes.extend(between_curves(&curves));
-    notes.extend(between_runs(all));
-    notes.extend(of_offsets(all, &curves));
+    let runs: Vec<Linear> = all.points.iter().filter_map(Linear::of).collect();
+    notes.extend(between_runs(&runs, &all.groups));
+    notes.extend(of_offsets(all, &runs, &curves));
     notes
 }
 
@@ -167,8 +170,7 @@ impl<'a> Curves<'a> {
 /// Value of a polynomial at a temperature, with its uncertainty of both types.
 fn at(fit: &QuantityFit, degc: f64) -> Value {
     let (value, std) = fit.polynomial.evaluate(degc);
-    let change = |(_, change): &(String, Vec<f64>)| change.iter().rev().fold(0.0, |sum, c| sum * degc + c);
-    let of_facility: f64 = fit.common.iter().flatten().map(|one| change(one).powi(2)).sum();
+    let of_facility: f64 = fit.common.iter().flatten().map(|(_, change)| polynomial::value(change, degc).powi(2)).sum();
     (value, std.hypot(of_facility.sqrt()))
 }
 
@@ -268,12 +270,11 @@ fn key(point: &CalibratedRun) -> Key<'_> {
     (&point.run.sensor, &point.run.mode, point.run.location)
 }
 
-fn between_runs(all: &Results) -> Vec<Note> {
+fn between_runs(runs: &[Linear], groups: &[&Thermal]) -> Vec<Note> {
     const LARGEST: [f64; 2] = [LARGEST_SIGMA_PER_K, LARGEST_XI_DEG_PER_K];
-    let runs: Vec<Linear> = all.points.iter().filter_map(Linear::of).collect();
     let in_one_group = |a: &Linear, b: &Linear| {
         let holds = |group: &Thermal, run: &Linear| group.runs.files.iter().any(|file| file == run.file);
-        all.groups.iter().any(|group| holds(group, a) && holds(group, b))
+        groups.iter().any(|group| holds(group, a) && holds(group, b))
     };
     let mut pairs = Vec::new();
     for (k, a) in runs.iter().enumerate() {
@@ -312,10 +313,9 @@ struct OffsetSum<'a> {
     residual_ent: f64,
 }
 
-fn of_offsets(all: &Results, curves: &[Curves]) -> Vec<Note> {
-    let runs: Vec<Linear> = all.points.iter().filter_map(Linear::of).collect();
+fn of_offsets(all: &Results, runs: &[Linear], curves: &[Curves]) -> Vec<Note> {
     let others = all.points.iter().filter_map(of_offset_run).chain(all.zero_fields.iter().filter_map(of_zero_field));
-    others.filter_map(|other| against_linear(&other, &runs, curves, moves_ent(all.points, other.key))).collect()
+    others.filter_map(|other| against_linear(&other, runs, curves, moves_ent(all.points, other.key))).collect()
 }
 
 /// By how much offset and residual field move from run to run, enT: as the residual fields of the offset runs of a sensor differ, and by [`MOVES_ENT`] at least.
@@ -382,7 +382,7 @@ fn against_linear(other: &OffsetSum, runs: &[Linear], curves: &[Curves], moves_e
 
 /// The coil axis of a name such as `-Y`, and its sign.
 fn coil_axis(name: &str) -> Option<(usize, f64)> {
-    let axis = ["X", "Y", "Z"].iter().position(|axis| name.ends_with(axis))?;
+    let axis = AXES.iter().position(|axis| name.ends_with(axis))?;
     Some((axis, if name.starts_with('-') { -1.0 } else { 1.0 }))
 }
 

@@ -342,8 +342,7 @@ impl PreparedRun {
     #[must_use]
     pub fn without(&self, run: &Run, jumps: &temperature_faults::Jumps) -> Option<Self> {
         let mut table = run.temperatures.clone();
-        let index = table.names.iter().position(|name| *name == jumps.channel)?;
-        table.t_s.iter().zip(&mut table.values[index]).for_each(|(t_s, value)| jumps.take_off(*t_s, value));
+        jumps.take_off_of(&mut table);
         let mut other = self.clone();
         other.faults.push(jumps.clone());
         other.with_channel(&table, &jumps.channel)

@@ -128,7 +128,7 @@ pub fn faults(run: &Run, instructions: &Instructions) -> Vec<ChannelFault> {
     let table = &run.temperatures;
     let rooms = rooms(run, instructions);
     let (sensor, _) = instructions.channels(&run.header);
-    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
+    let channels = Channel::all(table);
     let mut found: Vec<ChannelFault> = Vec::new();
     for channel in &channels {
         let others: Vec<&Channel> = channels.iter().filter(|c| c.name != channel.name).collect();

@@ -25,6 +25,11 @@ impl<'a> Channel<'a> {
         Some(Self { name, series, interval_s, median })
     }
 
+    /// All of a table that can be judged.
+    pub(super) fn all(table: &'a SlowTable) -> Vec<Self> {
+        table.names.iter().filter_map(|name| Self::of(table, name)).collect()
+    }
+
     pub(super) fn fault(&self, fault: Fault, probability: f64) -> ChannelFault {
         ChannelFault { channel: self.name.to_owned(), fault, probability: probability.min(1.0) }
     }

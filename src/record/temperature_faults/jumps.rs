@@ -61,8 +61,15 @@ impl Jumps {
     }
 
     /// Puts a reading, °C, at a time, s, on the level that is taken as right.
-    pub fn take_off(&self, t_s: f64, value: &mut f64) {
+    fn take_off(&self, t_s: f64, value: &mut f64) {
         *value += self.usual_k - level_k(&self.jumps, t_s);
+    }
+
+    /// Puts the readings of its channel in a table on the level that is taken as right.
+    pub fn take_off_of(&self, table: &mut SlowTable) {
+        if let Some(index) = table.names.iter().position(|name| *name == self.channel) {
+            table.t_s.iter().zip(&mut table.values[index]).for_each(|(t_s, value)| self.take_off(*t_s, value));
+        }
     }
 }
 
@@ -155,14 +162,18 @@ impl Channel<'_> {
             let by_cubic = if is_alone { step_at(&self.series, place) } else { None };
             Some((self.series[place].0, by_cubic.or_else(|| far_faster_k(&changes, *i))?))
         };
-        let mut jumps: Vec<(f64, f64)> = places.iter().filter_map(sized).collect();
-        jumps.retain(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s));
+        self.found(&changes, places.iter().filter_map(sized), span_s)
+    }
+
+    /// Jumps (s, K) of which some are between two times, s since the run's start; `None` where none is.
+    fn found(&self, changes: &[(usize, f64, f64)], jumps: impl Iterator<Item = (f64, f64)>, span_s: [f64; 2]) -> Option<Jumps> {
+        let mut jumps: Vec<(f64, f64)> = jumps.filter(|(t_s, _)| (span_s[0]..=span_s[1]).contains(t_s)).collect();
         jumps.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
         jumps.truncate(MOST_JUMPS);
         let (_, largest_k) = jumps.first().copied()?;
-        let probability = self.probability_of(&changes, largest_k);
+        let probability = self.probability_of(changes, largest_k);
         let usual_k = usual_level_k(&self.series, &jumps);
-        let noise_k = self.noise_of_changes_k(&changes);
+        let noise_k = self.noise_of_changes_k(changes);
         Some(Jumps { channel: self.name.to_owned(), jumps, usual_k, readings: self.series.len(), probability, noise_k })
     }
 }
@@ -173,11 +184,10 @@ impl Channel<'_> {
 pub fn without_jumps(table: &SlowTable, span_s: [f64; 2]) -> (Vec<Jumps>, SlowTable) {
     let mut mended = table.clone();
     let mut found_in = Vec::new();
-    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
+    let channels = Channel::all(table);
     for channel in &channels {
         let Some(found) = channel.jumps_between(&channels, span_s) else { continue };
-        let index = table.names.iter().position(|name| name == channel.name).unwrap_or(0);
-        mended.t_s.iter().zip(&mut mended.values[index]).for_each(|(t_s, value)| found.take_off(*t_s, value));
+        found.take_off_of(&mut mended);
         found_in.push(found);
     }
     (found_in, mended)
@@ -211,7 +221,7 @@ pub fn largest_jump_s(run: &Run, name: &str, span_s: [f64; 2]) -> Option<f64> {
 /// The jumps of a slow channel between two times, s since the run's start, the largest first.
 fn jumps_in(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Jumps> {
     let table = &run.temperatures;
-    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
+    let channels = Channel::all(table);
     channels.iter().find(|c| c.name == name)?.jumps_between(&channels, span_s)
 }
 
@@ -219,26 +229,19 @@ fn jumps_in(run: &Run, name: &str, span_s: [f64; 2]) -> Option<Jumps> {
 /// A channel with a larger one is not looked at.
 #[must_use]
 pub fn small_jump(table: &SlowTable, name: &str, span_s: [f64; 2]) -> Option<Jumps> {
-    let channels: Vec<Channel> = table.names.iter().filter_map(|name| Channel::of(table, name)).collect();
+    let channels = Channel::all(table);
     let channel = channels.iter().find(|c| c.name == name)?;
     if channel.jumps_between(&channels, span_s).is_some() {
         return None;
     }
-    let changes = channel.changes();
     let others: Vec<&Channel> = channels.iter().filter(|c| c.name != name).collect();
     let jump = |t_s: f64| {
         let place = channel.series.iter().position(|(at_s, _)| *at_s == t_s)?;
         let size_k = step_at(&channel.series, place)?;
         let is_shared = others.iter().any(|o| o.moves_along(channel.series[place - 1].0, t_s, size_k));
-        ((span_s[0]..=span_s[1]).contains(&t_s) && !is_shared).then_some((t_s, size_k))
+        (!is_shared).then_some((t_s, size_k))
     };
-    let mut jumps: Vec<(f64, f64)> = steps(&channel.series, 0.0).into_iter().filter_map(jump).collect();
-    jumps.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
-    let largest_k = jumps.first()?.1;
-    let probability = channel.probability_of(&changes, largest_k);
-    let usual_k = usual_level_k(&channel.series, &jumps);
-    let noise_k = channel.noise_of_changes_k(&changes);
-    Some(Jumps { channel: name.to_owned(), jumps, usual_k, readings: channel.series.len(), probability, noise_k })
+    channel.found(&channel.changes(), steps(&channel.series, 0.0).into_iter().filter_map(jump), span_s)
 }
 
 /// All jumps of the readings of one thermistor (s, °C), in order of time: the time of the first reading behind each, s, and its size, K. Across a
