@@ -1203,3 +1203,22 @@ fn jumps_of_the_temperatures_of_a_table_are_told() {
         assert!(!said.contains("jumps"), "{name}: {said}");
     }
 }
+
+/// What is told of the readings as a whole stands in the head of the table as well, and its rows stay as they are.
+#[test]
+fn what_is_told_of_the_readings_stands_in_the_head_of_the_table() {
+    let made = made(11);
+    let raw = made.case.path().join("still.csv");
+    let rows: String = (0..40).map(|i| format!("{}.5,-2000,{}.25,20.0\n", 3000 + i, 1000 - i)).collect();
+    fs::write(&raw, format!("x,y,z,t_degc\n{rows}")).unwrap();
+    let out = made.case.path().join("applied");
+    let told = done(&apply(&[&made.tcf], &raw, &out, &[]));
+    let note = "component y stands still: all of its readings are -2000";
+    says(&told, &[note]);
+    let table = fs::read_to_string(out.join("still.calibrated.csv")).unwrap();
+    let head: serde_json::Value = serde_json::from_str(table.lines().next().unwrap().strip_prefix("# calfit ").unwrap()).unwrap();
+    assert!(head["notes"].as_array().unwrap().iter().any(|own| own == note), "{head}");
+    assert!(table.lines().nth(1).unwrap().starts_with("x,y,z,t_degc,bx_nt,"), "{table:.300}");
+    assert_eq!(table.lines().count(), 2 + 40);
+    assert_eq!(calibrated(&out.join("still.calibrated.csv")).field.len(), 40);
+}

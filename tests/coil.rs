@@ -1264,3 +1264,25 @@ fn an_uncertain_coefficient_of_the_coils_makes_slopes_over_the_sensor_temperatur
         .collect();
     judge(&tpf_of(&case.out().join("files"), &files, &options[..5]));
 }
+
+/// The second orientation of the runs of 1998 with other signs, and a row of theirs once more.
+#[test]
+fn an_orientation_of_the_wrong_sign_and_a_row_that_stands_twice_are_told() {
+    let table = std::fs::read_to_string(repository("tests/data/champ/runs_ambient.csv")).unwrap();
+    let told = |name: &str, table: String| {
+        let case = Case::new();
+        let facility = facility_file(&case, &FACILITY);
+        let path = case.put(name, table);
+        let options = ["--facility", facility.to_str().unwrap(), "--no-plots"];
+        let (status, _, errors) = coil(&case, "tilt", &[&path], &options);
+        assert_eq!(status, Some(0), "{errors}");
+        errors
+    };
+    let scatter = "the offsets of the orientations scatter by ";
+    let wrong = told("wrong.csv", table.replace("-Y +X +Z", "+Y -X +Z"));
+    says(&wrong, &[scatter, " nT within an orientation; it is ", "check the signs of every orientation"]);
+    let row = table.lines().find(|line| line.starts_with("5,")).unwrap();
+    let twice = told("twice.csv", format!("{}\n{row}\n", table.trim_end()));
+    says(&twice, &["run 5 stands twice and was counted once"]);
+    assert!(!twice.contains(scatter), "{twice}");
+}

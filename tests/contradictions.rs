@@ -113,3 +113,40 @@ fn names_that_are_nearly_equal_are_told() {
     let output = case.run("report", &["--no-plots"]);
     says(&text(&output.stderr), &["whose names are nearly equal", "write the names in one way"]);
 }
+
+/// A second export of a run that lacks its last samples: it counts once in the polynomials, and the report says so.
+#[test]
+fn a_run_that_is_a_part_of_another_one_counts_once() {
+    let case = sound();
+    let first = fs::read_to_string(file(&case, 8, 2)).unwrap();
+    let (rows, _) = first.rsplit_once("@END").unwrap();
+    let lines: Vec<&str> = rows.lines().collect();
+    let again = format!("{}\n@END\n", lines[..lines.len() - 20].join("\n"));
+    assert!(lines[lines.len() - 20].matches(',').count() == 4, "the samples stand last");
+    let again = again.replace("_08-00-00", "_14-00-00").replace("T08:00:00", "T14:00:00");
+    fs::write(file(&case, 14, 2), again).unwrap();
+    let output = case.run("report", &["--no-plots", "--order", "b_or=2", "--order", "b_off=2"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let [kept, copy] = [8, 14].map(|hour| id(hour, 2));
+    let told = text(&output.stderr);
+    says(&told, &[&format!("run {copy} was left out: most of its readings stand in run {kept} as well")]);
+    says(&told, &[&format!("run {copy}: "), &format!(" of its readings stand in run {kept} as well, one after the other")]);
+    let polynomials =
+        fs::read_to_string(case.out().join(format!("THERMAL_PARAMETER__{}.TPF", id(8, 0).replace('_', "-")))).unwrap();
+    assert!(polynomials.contains(&format!("__{kept}.CPF")) && !polynomials.contains(&format!("__{copy}.CPF")), "{polynomials}");
+}
+
+/// An offset run that begins while the linearity run of the same sensor goes on.
+#[test]
+fn runs_of_one_sensor_at_the_same_time_are_told() {
+    let case = sound();
+    let path = file(&case, 9, 1);
+    let run = fs::read_to_string(&path).unwrap();
+    let [first, second] = [id(8, 1), id(9, 1)];
+    let moved = run.replace("T09:00:00", "T08:00:10");
+    assert_ne!(moved, run);
+    fs::write(&path, moved).unwrap();
+    let output = case.run("report", &["--no-plots"]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    says(&text(&output.stderr), &[&format!("run {second} begins while run {first} of the same sensor goes on")]);
+}

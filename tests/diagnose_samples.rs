@@ -429,3 +429,155 @@ fn the_low_pass_of_a_sensor_is_no_transient_and_hides_none() {
         assert!((value - wanted).abs() < 4.0 * std && std < 0.2 * wanted, "{name}: {value} +- {std}");
     }
 }
+
+/// Fields in all directions up to 2000 nT, settings of 6 s with pauses of 1 s, in the middle of which the coils go on to the next field.
+fn in_all_directions(count: usize) -> Vec<Setting> {
+    let mut gauss = Gauss(41);
+    let field = |i: usize, gauss: &mut Gauss| {
+        if i.is_multiple_of(12) { [0.0; 3] } else { std::array::from_fn(|_| 2000.0 * gauss.uniform()) }
+    };
+    let at = |i: usize| 1.0 + 7.0 * i as f64;
+    (0..count).map(|i| Setting::constant(at(i), at(i) + 6.0, field(i, &mut gauss), 1)).collect()
+}
+
+/// A run of such settings in noise of 0.3 enT, with the field at a time as the coils make it and what the table of settings says.
+fn as_made(settings: &[Setting], said: Vec<Setting>, field: impl Fn(usize, f64) -> [f64; 3]) -> Run {
+    // The record goes on for a while.
+    let end = settings[settings.len() - 1].t_end;
+    let all = [settings, &[Setting::constant(end, end + 3.0, [0.0; 3], 1)]].concat();
+    let plan = Plan { settings: all, rate_hz: 32.0, noise_ent: 0.0, ..Plan::default() };
+    let mut run = plan.run();
+    let mut gauss = Gauss(43);
+    for sample in &mut run.samples {
+        let now = settings.iter().rposition(|s| s.t_start - 0.5 <= sample.t).unwrap_or(0);
+        sample.reading = plan.truth.reading(field(now, sample.t)).map(|r| r + 0.3 * gauss.normal());
+    }
+    run.settings = said;
+    run
+}
+
+fn wordings<'a>(diagnosis: &'a Value, effect: &str) -> Vec<&'a str> {
+    let steps = diagnosis["steps"].as_array().unwrap().iter();
+    steps.filter(|s| s["effect"] == effect).map(|s| s["wording"].as_str().unwrap()).collect()
+}
+
+/// The field rings after every step, with 0.3 Hz and a time constant of 3 s: what is left of that in the means is no certain memory of the sensor.
+#[test]
+fn a_field_that_rings_is_no_certain_memory() {
+    let settings = in_all_directions(120);
+    let run = as_made(&settings, settings.clone(), |now, t| {
+        let since = |i: usize| t - (settings[i].t_start - 0.5);
+        let rings = |i: usize| 1e-3 * (-since(i) / 3.0).exp() * (TAU * 0.3 * since(i)).cos();
+        let mut field = settings[now].field;
+        for i in [now, now.saturating_sub(1)].into_iter().filter(|i| *i > 0 && since(*i) < 8.0) {
+            (0..3).for_each(|a| field[a] += rings(i) * (settings[i].field[a] - settings[i - 1].field[a]));
+        }
+        field
+    });
+    let found = diagnosed(&run);
+    says(&found["warnings"].to_string(), &["the readings still follow the step before a setting"]);
+    assert!(wordings(&found, "remanence").iter().all(|said| *said == "consistent with"), "{}", found["steps"]);
+    for step in found["steps"].as_array().unwrap().iter().filter(|s| s["effect"] == "remanence") {
+        assert!(step["ambiguous_with"].to_string().contains("settling"), "{step}");
+    }
+}
+
+/// The second half of the table says times that are late by 1.5 s, of which the settings show a second: half of the edges stand elsewhere than the others,
+/// and no one displacement is certain.
+#[test]
+fn half_of_a_table_that_is_late_is_no_displacement_of_all() {
+    let settings = in_all_directions(84);
+    let late = |(i, s): (usize, &Setting)| {
+        let by_s = if i < 42 { 0.0 } else { 1.5 };
+        Setting { t_start: s.t_start + by_s, t_end: s.t_end + by_s, ..*s }
+    };
+    let said = settings.iter().enumerate().map(late).collect();
+    let found = diagnosed(&as_made(&settings, said, |now, _| settings[now].field));
+    assert_ne!(found["verdict_kind"], "none", "{}", found["verdict"]);
+    assert!(!found["left"].is_null(), "{}", found["verdict"]);
+    assert!(wordings(&found, "time_shift").iter().all(|said| *said == "consistent with"), "{}", found["steps"]);
+    says(&found["warnings"].to_string(), &["edges that are to be seen stand 1.00 s"]);
+}
+
+/// Every fourth setting comes 61 samples late: their means hold, and it is told all the same.
+#[test]
+fn some_settings_that_come_late_are_told() {
+    let settings = in_all_directions(90);
+    let is_late = |i: usize| i % 4 == 1;
+    let found = diagnosed(&as_made(&settings, settings.clone(), |now, t| {
+        let shows_before = is_late(now) && t < settings[now].t_start + 61.0 / 32.0 - 1e-6;
+        settings[if shows_before { now - 1 } else { now }].field
+    }));
+    assert_ne!(found["verdict_kind"], "none", "{}", found["verdict"]);
+    assert!(!found["left"].is_null(), "{}", found["verdict"]);
+    // 61 samples at 32 Hz; the settings with numbers 1 and 5 are the first of them.
+    let words = "edges that are to be seen stand 1.91 s later than the others, the begins of the settings that begin at 8, 36";
+    says(&found["warnings"].to_string(), &[words]);
+}
+
+/// A converter that hangs for 160 s of zero field: the verdict says so, and nothing is certain on its axis.
+#[test]
+fn a_component_that_stands_still_is_no_clean_run() {
+    let plan =
+        Plan { settings: vec![Setting::constant(0.0, 1500.0, [0.0; 3], 1)], rate_hz: 16.0, noise_ent: 0.1, ..Plan::default() };
+    // Beside its mean by half of the standard deviation of a row, and by that of two samples.
+    for beside_ent in [0.005, 0.2] {
+        let mut run = plan.run().key("kind", "\"zero-field\"").without_section("@FIELDS");
+        let held = plan.truth.offset_ent[0] + beside_ent;
+        run.samples.iter_mut().filter(|s| s.t > 400.0 && s.t < 560.0).for_each(|s| s.reading[0] = held);
+        let found = diagnosed(&run);
+        assert_ne!(found["verdict_kind"], "none", "{}", found["verdict"]);
+        says(&found["warnings"].to_string(), &["component x is stuck from 400.0 to 560.0 s"]);
+        assert!(!found["left"].is_null(), "{}", found["verdict"]);
+        let mut on_x = found["steps"].as_array().unwrap().iter().filter(|s| s["axes"].to_string().contains('x'));
+        assert!(on_x.all(|s| s["wording"] == "consistent with"), "{}", found["steps"]);
+    }
+}
+
+/// The first three samples of every setting are at the end of the range: what is made of them is no certain drift, and no certain signal.
+#[test]
+fn saturated_begins_of_settings_make_no_certain_drift() {
+    const END_ENT: f64 = 2200.0;
+    let levels = [-2000.0, -1400.0, -700.0, 700.0, 1400.0, 2000.0, -1700.0, 300.0, -300.0, 1100.0];
+    let settings: Vec<Setting> = programme(&levels, 6.0)
+        .into_iter()
+        .enumerate()
+        .map(|(i, s)| Setting::constant(1.0 + 7.0 * i as f64, 7.0 + 7.0 * i as f64, s.field, 1))
+        .collect();
+    let mut run = as_made(&settings, settings.clone(), |now, _| settings[now].field);
+    for i in 0..settings.len() {
+        let first = run.samples_of(i).start;
+        run.samples[first..first + 3].iter_mut().for_each(|s| s.reading = s.reading.map(|r| END_ENT.copysign(r)));
+    }
+    let found = diagnosed(&run);
+    let warnings = found["warnings"].to_string();
+    for name in ["x", "y", "z"] {
+        says(&warnings, &[&format!("component {name} rests at 2200.0 enT")]);
+    }
+    let is_certain =
+        |s: &&Value| s["wording"] == "is" && !["saturation", "cubic_nonlinearity"].contains(&s["effect"].as_str().unwrap());
+    assert_eq!(found["steps"].as_array().unwrap().iter().find(is_certain), None);
+}
+
+/// A tone within a percent of half of the sample rate, which is no line, and one whose size follows the field: the verdict says in which band they are.
+#[test]
+fn what_is_no_line_is_told_with_its_band() {
+    let plan =
+        Plan { settings: vec![Setting::constant(0.0, 1500.0, [0.0; 3], 1)], rate_hz: 16.0, noise_ent: 0.1, ..Plan::default() };
+    let mut run = plan.run().key("kind", "\"zero-field\"").without_section("@FIELDS");
+    run.samples.iter_mut().for_each(|s| s.reading[0] += 0.05 * (TAU * 7.95 * s.t + 0.3).sin());
+    let found = diagnosed(&run);
+    assert_eq!((&found["verdict_kind"], named(&found).len()), (&"undecided".into(), 0), "{}", found["verdict"]);
+    says(found["left"]["where"].as_str().unwrap(), &["x, 7.", "to 8.00 Hz"]);
+    // In parts of 64 samples the last line has most of the tone, 0.05²/2 enT², and the noise of half of a line, 0.1²/64 enT²; with the line before it the
+    // noise is three times as large.
+    let times = found["left"]["times_noise"].as_f64().unwrap();
+    assert!((1.8..3.1).contains(&times), "{times}");
+
+    let settings = in_all_directions(120);
+    let found = diagnosed(&as_made(&settings, settings.clone(), |now, t| {
+        settings[now].field.map(|b| b * (1.0 + 3e-4 * (TAU * 3.3 * t).sin()))
+    }));
+    assert_ne!(found["verdict_kind"], "none", "{}", found["verdict"]);
+    assert!(!found["left"].is_null(), "{}", found["verdict"]);
+}

@@ -465,29 +465,90 @@ fn a_certificate_is_well_formed_and_states_twice_the_standard_uncertainty() {
     let campaign = case.path().join("campaign.toml");
     fs::write(
         &campaign,
-        "[report]\nlaboratory = \"Coils & <Fields>\"\nresponsible = \"A. B.\"\ntraceability = \"certificate 7\"\n",
+        "[report]\nlaboratory = \"Coils & <Fields>\"\nresponsible = \"A. B.\"\nchecked_by = \"C. D.\"\ntraceability = \"certificate 7\"\n\
+         maker = \"Maker & Co\"\nfirmware = \"2000 nT, 3.1\"\ncondition = \"as received\"\n",
     )
     .unwrap();
     done(&export("dcc", &[&cpf], &out, &["--campaign", campaign.to_str().unwrap()]));
     let xml = fs::read_to_string(out.join(format!("{}.xml", cpf.file_name().unwrap().to_string_lossy()))).unwrap();
     assert_eq!(elements(&xml, "dcc:digitalCalibrationCertificate").len(), 1);
     let contents = elements(&xml, "dcc:content");
-    for stated in ["Coils &amp; &lt;Fields&gt;", "A. B.", "certificate 7", "sigma x"] {
+    let item = "Range and firmware: 2000 nT, 3.1; Condition of the instrument: as received";
+    for stated in ["Coils &amp; &lt;Fields&gt;", "A. B.", "C. D.", "certificate 7", "Maker &amp; Co", item, "sigma x"] {
         assert!(contents.iter().any(|c| c == stated), "{stated}");
     }
+    assert_eq!(elements(&xml, "dcc:role"), ["checked by"]);
     assert_eq!(elements(&xml, "dcc:beginPerformanceDate"), ["2013-04-03"]);
     let document = parameters(&cpf);
-    let numbers = |name: &str| -> Vec<f64> { elements(&xml, name).iter().map(|v| v.parse().unwrap()).collect() };
+    // Conditions, which stand before the results, have numbers too.
+    let results = alone(&xml[xml.find("<dcc:results>").unwrap()..xml.find("</dcc:measurementResult>").unwrap()]);
+    let numbers = |name: &str| -> Vec<f64> { elements(&results, name).iter().map(|v| v.parse().unwrap()).collect() };
     assert_eq!(numbers("si:value")[0], number(&document, "matrix.sigma.0.0"));
     assert_eq!(numbers("si:valueExpandedMU")[0], 2.0 * number(&document, "std.sigma.0"));
     assert!(numbers("si:coverageFactor").iter().all(|k| *k == 2.0));
-    assert_eq!(elements(&xml, "si:unit")[0], "\\one");
+    assert_eq!(elements(&results, "si:unit")[0], "\\one");
     let made = made(true);
     done(&export("dcc", &[&made.tcf, &made.thermistor], &out, &[]));
     let xml = fs::read_to_string(out.join("THERMISTOR__pt1000_table.toml.xml")).unwrap();
     assert_eq!(elements(&xml, "si:unit")[..3], ["\\degreecelsius", "\\kelvin\\volt\\tothe{-1}", "\\kelvin\\volt\\tothe{-2}"]);
     let output = export("csv", &[&cpf], &out, &["--campaign", campaign.to_str().unwrap()]);
     says(&text(&output.stderr), &["--campaign: changes nothing with --format csv"]);
+}
+
+/// A part of a document as a document.
+fn alone(part: &str) -> String {
+    format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<part>{part}</part>")
+}
+
+/// Name and description of every condition of a certificate, with its numbers and their units.
+fn conditions(xml: &str) -> Vec<(String, Vec<f64>, Vec<String>)> {
+    let one = |piece: &str| {
+        let part = alone(&piece[..piece.find("</dcc:influenceCondition>").unwrap()]);
+        let words = elements(&part, "dcc:content");
+        let numbers = elements(&part, "si:value").iter().map(|v| v.parse().unwrap()).collect();
+        (format!("{}: {}", words[0], words[1]), numbers, elements(&part, "si:unit"))
+    };
+    xml.split("<dcc:influenceCondition>").skip(1).map(one).collect()
+}
+
+#[track_caller]
+fn has_condition(xml: &str, name: &str, expected: &[f64], unit: &str) {
+    let all = conditions(xml);
+    let found = all.iter().find(|(own, ..)| own == name).unwrap_or_else(|| panic!("no {name} in {all:?}"));
+    assert_eq!(found.1.len(), expected.len(), "{found:?}");
+    assert!(found.1.iter().zip(expected).all(|(own, other)| (own - other).abs() < 1e-9), "{found:?}");
+    assert!(found.2.iter().all(|own| own == unit), "{found:?}");
+}
+
+#[test]
+fn a_certificate_states_the_conditions_under_which_the_data_were_measured() {
+    let (case, cpf) = lin();
+    let out = case.path().join("dcc");
+    let certificate = |file: &Path| {
+        done(&export("dcc", &[file], &out, &[]));
+        fs::read_to_string(out.join(format!("{}.xml", file.file_name().unwrap().to_string_lossy()))).unwrap()
+    };
+    let xml = certificate(&cpf);
+    // The place that the schema has for them.
+    let places = ["</dcc:usedMethods>", "<dcc:influenceConditions>", "<dcc:results>"].map(|tag| xml.find(tag).unwrap());
+    assert!(places.is_sorted(), "{places:?}");
+    // The run has 24.5 °C at the sensor and 20.5 °C at the coils all the time.
+    has_condition(&xml, "temperature of the sensor: during the run, channel T59", &[24.5; 3], "\\degreecelsius");
+    has_condition(&xml, "temperature of the coil system: during the run, channel T29", &[20.5; 3], "\\degreecelsius");
+    let document = parameters(&cpf);
+    let scatter =
+        ["mean.0", "max.0", "mean.1", "max.1", "mean.2", "max.2"].map(|k| number(&document, &format!("quality.raw_std_ent.{k}")));
+    let stability =
+        "stability of the field: standard deviation of the samples within a setting, sensor axes: field and sensor together";
+    has_condition(&xml, stability, &scatter, "\\nano\\tesla");
+    says(&xml, &["DYNAMIC, DYNAMIC, DYNAMIC", "FLDS"]);
+    // Polynomials: the temperatures of all runs; those of the coils are not known.
+    let made = made(true);
+    let xml = certificate(&made.tpf);
+    has_condition(&xml, "temperature of the sensor: over all runs, channel not stated", &[-60.0, 60.0], "\\degreecelsius");
+    assert_eq!(conditions(&xml).len(), 1, "{:?}", conditions(&xml));
+    // A table of a thermistor was not measured under any that it states, and the schema has no place for an empty list.
+    assert!(!certificate(&made.thermistor).contains("influenceCondition"));
 }
 
 /// A run of 22 settings of 2 s that begins ten seconds before midnight.

@@ -263,6 +263,28 @@ fn a_plateau_dropped_for_its_gaps_is_listed_in_the_output() {
     says(&common::check::text(report), &["60.9 %", "100 samples lost"]);
 }
 
+// row 21
+#[test]
+fn check_names_the_row_behind_every_gap() {
+    // Six gaps of one to six samples; those that follow are made first, so that the numbers of the others stay.
+    let begin = |k: usize| 100 + 300 * k;
+    let text_of_run = (0..6).rev().fold(good(), |run, k| run.lose(begin(k)..begin(k) + k + 1)).text();
+    let case = Case::of(&text_of_run);
+    let output = calfit().arg("check").arg(case.file()).output().unwrap();
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    let stderr = text(&output.stderr);
+    for k in 0..5 {
+        let before: usize = (1..=k).sum();
+        let row = line_of(&text_of_run, "@VECTORS", begin(k) - before + 1);
+        let samples = if k == 0 { "1 sample is".to_owned() } else { format!("{} samples are", k + 1) };
+        says(&stderr, &[&format!("09-22-38.CCR:{row}:1: {samples} missing before this row, at ")]);
+    }
+    says(&stderr, &["6 samples are missing in 1 gap behind these"]);
+    let case = Case::of(good().text());
+    let output = calfit().arg("check").arg(case.file()).output().unwrap();
+    assert!(!text(&output.stderr).contains("missing"), "{}", text(&output.stderr));
+}
+
 // row 22
 #[test]
 fn a_wrong_sample_rate_is_measured_and_refused() {

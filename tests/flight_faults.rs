@@ -269,6 +269,9 @@ fn rows_may_stand_in_any_order_and_repeat() {
     for (key, wanted) in [("read", 7), ("duplicate", 2), ("conflicting", 1), ("rejected", 1), ("written", 4)] {
         assert_eq!(counts[key], wanted, "{key}: {counts}");
     }
+    let (mission, again) = (small.folder.path().join("flight.toml"), small.folder.path().join("again"));
+    let output = calfit().args(["flight", "A"]).arg(mission).arg("-o").arg(again).output().unwrap();
+    says(&text(&output.stdout), &["repeated rows with other counts than the first of their time and mode: 1"]);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use crate::flight::{Set, Small, three};
 use crate::flight_faults::{HEAD, PLAIN};
 use calfit::data::time::LeapSeconds;
 use calfit::files::table::long::{Column, LongWriter};
-use calfit::files::table::series::SeriesTable;
+use calfit::files::table::series::{SeriesTable, Words};
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -179,6 +179,46 @@ fn the_first_pass_and_the_report_are_told_as_json() {
     }
     let said = run("report", &set.out());
     assert_eq!(said, serde_json::json!({ "file": set.out().join("report/REPORT.html").display().to_string() }));
+}
+
+/// The table of the first pass has every sensor and day with vectors; those without a model that is joined to others have no sums.
+#[test]
+fn the_first_pass_has_the_days_without_daily_models_too() {
+    let rows = |set: &Set| {
+        let file = set.path("carry.parquet");
+        let output = calfit().args(["flight", "carry"]).arg(set.path("flight.toml")).arg("-o").arg(&file).output().unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let table = SeriesTable::open(&file).unwrap();
+        let [sensors, modes] = ["sensor", "modes"].map(|name| table.words(name).unwrap());
+        let [day, first, last, reset, model] =
+            ["day", "first_tt2000", "last_tt2000", "reset", "daily_model"].map(|name| table.whole(name).unwrap());
+        let [t_first, sum] = ["t_first_degc", "s_y_nt"].map(|name| table.numbers(name).unwrap());
+        let word = |words: &Words, i: usize| words.words[words.codes[i] as usize].clone();
+        let row = |i: usize| {
+            let of_vectors = (word(&sensors, i), day[i], [first[i], last[i]], t_first[i].to_bits(), word(&modes, i));
+            (of_vectors, (model[i], reset[i], sum[i]))
+        };
+        // What follows of the vectors, and what of the models.
+        (0..table.rows()).map(row).unzip::<_, _, Vec<_>, Vec<_>>()
+    };
+    let joined = Set::of("telemetry");
+    joined.change("enabled = false", "enabled = true");
+    let alone = Set::of("telemetry");
+    let ((days, with), (same_days, without)) = (rows(&joined), rows(&alone));
+    assert!(with.len() >= 4 && with.iter().all(|(model, ..)| *model == 1), "{with:?}");
+    assert!(with.iter().any(|(_, reset, sum)| *reset == 0 && *sum != 0.0), "{with:?}");
+    assert_eq!(days, same_days);
+    assert!(without.iter().all(|known| *known == (0, 1, 0.0)), "{without:?}");
+    // The levels need nothing of such days, and do not change with them.
+    let made = |set: &Set, more: &[&str]| {
+        let output = set.flight("A", &[&["--no-plots", "--sensor", "IB"], more].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        crate::common::check::tree(&set.out().join("level=A"))
+    };
+    let plain = made(&alone, &[]);
+    let file = alone.path("carry.parquet").display().to_string();
+    let with_table = made(&alone, &["--carry", &file, "--force"]);
+    assert!(!plain.is_empty() && plain == with_table);
 }
 
 #[test]

@@ -733,8 +733,12 @@ fn what_is_left_out_or_doubtful_is_told() {
     }
     let mut lines = small();
     lines.drain(40..45);
-    let run = told(&ok, lines.join("\n"), &[]);
+    let run = told(&ok, lines.join("\n"), &["t.csv:41", "5 samples are missing before this row;"]);
     assert_eq!((run.vectors.count, run.vectors.lost, run.vectors.gaps.len()), (115, 5, 1));
+    // Of several gaps the first one has its row.
+    lines.drain(60..63);
+    lines.remove(80);
+    told(&ok, lines.join("\n"), &["t.csv:41", "5 samples are missing before this row, and 4 in 2 gaps behind it"]);
     let mut lines = small();
     lines.insert(40, lines[39].clone());
     let run = told(&ok, lines.join("\n"), &["t.csv:41", "1 rows repeat the row above"]);

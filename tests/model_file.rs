@@ -159,6 +159,57 @@ fn what_belongs_to_another_run_or_goes_beyond_is_said() {
     assert!((lin.calibration.offset.b_or_ent[0] - Truth::default().offset_ent[0]).abs() < 0.05);
 }
 
+/// A quarter of an hour of zero field. The variometer goes up by 20 nT on its x, half of which the x of the sensor reads.
+#[test]
+fn what_leaks_into_zero_field_is_taken_off_its_samples() {
+    const SPAN_S: f64 = 900.0;
+    let (kappa, rise_nt) = (0.5, 20.0);
+    let settings = vec![common::Setting::constant(0.0, SPAN_S, [0.0; 3], 1)];
+    let mut run = Plan { settings, rate_hz: 16.0, noise_ent: 0.05, ..Plan::default() }.run();
+    run = run.key("kind", "\"zero-field\"").key("configuration", "\"NULL.MAG\"");
+    // About its mean over the run, for which the offset holds.
+    run.samples.iter_mut().for_each(|s| s.reading[0] += kappa * rise_nt * (s.t / SPAN_S - 0.5));
+    let rows: String =
+        (0..=90).map(|k| format!("{},{},0.5,{}\n", 10 * k, rise_nt * f64::from(k) / 90.0, 0.01 * f64::from(k))).collect();
+    let case = Case::of(run.text().replace("@END\n", &format!("@CHANNELS\nt,VARX,VARY,VARZ\n{rows}@END\n")));
+    let analysed = |arguments: &[&str]| {
+        let output = case.run("null", &[&["--no-plots", "--force"], arguments].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        (parameters(&case.out().join(format!("{RUN}/NULL_PARAMETER__{RUN}.toml"))), text(&output.stderr))
+    };
+    let drift = |p: &DocumentMut| ["offset.drift_ent_per_h.0.0", "offset.drift_std_ent_per_h.0.0"].map(|key| number(p, key));
+    let wanted = kappa * rise_nt / SPAN_S * 3600.0;
+    let (plain, _) = analysed(&[]);
+    let [found, std] = drift(&plain);
+    assert!((found - wanted).abs() < 4.0 * std && std < 0.05 * wanted && plain.get("model").is_none(), "{found} ± {std}");
+    let leak = effect("earthfield_leakage", "own axis", &["x"], vec![parameter("kappa_x", kappa, None, "nT/nT")], Vec::new());
+    // The step belongs to the times of another run.
+    let of_another = ModelEffect {
+        run: Some("13-04-04_00-00-00".to_owned()),
+        ..effect(
+            "offset_step",
+            "step",
+            &["x"],
+            vec![parameter("c_x", 3.0, None, "enT")],
+            vec![parameter("onset", 40.0, None, "s")],
+        )
+    };
+    let path = write_model(&case, vec![leak, of_another]).display().to_string();
+    let (with, said) = analysed(&["--model", &path]);
+    let [found, std] = drift(&with);
+    assert!(found.abs() < 4.0 * std && std < 0.05 * wanted, "{found} ± {std}");
+    says(&said, &["mean variometer reading of the run", "not taken off", "13-04-04_00-00-00"]);
+    let mean = |p: &DocumentMut| number(p, "offset.mean_ent.0");
+    assert!((mean(&with) - mean(&plain)).abs() < 0.02, "{} {}", mean(&with), mean(&plain));
+    assert_eq!(with["model"]["file"].as_str(), Some("model.toml"));
+    assert_eq!(with["model"]["left_out"].as_array().unwrap().len(), 1);
+    let applied = with["model"]["effect"].as_array_of_tables().unwrap().get(0).unwrap();
+    assert!((applied["largest_nt"].as_float().unwrap() - 0.5 * kappa * rise_nt).abs() < 0.1, "{applied}");
+    assert!(with["provenance"]["command"].as_str().unwrap().contains("--model model.toml"));
+    let verified = calfit().arg("verify").args([case.out(), case.campaign(), case.path().to_owned()]).output().unwrap();
+    assert_eq!(verified.status.code(), Some(0), "{}", text(&verified.stderr));
+}
+
 #[test]
 fn a_model_of_another_sensor_or_mode_is_refused() {
     let case = Case::of(bent().text());

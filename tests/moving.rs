@@ -252,6 +252,66 @@ fn slopes_that_the_programme_does_not_determine_need_a_bound() {
     says(&text(&output.stderr), &["campaign.toml:4", "nT/enT/K"]);
 }
 
+/// A value with a standard uncertainty and a bound about zero are two measurements of one thing: their weighted mean where the components have
+/// nothing in common, and never less certain than the better of them.
+#[test]
+fn a_bound_of_the_slope_of_the_offset_is_a_measurement_of_it() {
+    let bound = |quantity: &str, std: f64, unit: &str| {
+        format!("[[uncertainty]]\nquantity = \"{quantity}\"\nstd = {std}\nunit = \"{unit}\"\nsource = \"type test\"\n")
+    };
+    let weighed = |free: &DocumentMut, held: &DocumentMut, bound: f64, within: f64| {
+        let slopes = |file: &DocumentMut| (three(file, "slopes.b_or_ent"), three(file, "slopes.std.b_or_ent"));
+        let ((value, std), (held, held_std)) = (slopes(free), slopes(held));
+        for a in 0..3 {
+            let weight = bound.powi(2) / (bound.powi(2) + std[a].powi(2));
+            assert!((held[a] - weight * value[a]).abs() < within * std[a], "{a}: {} {} {weight}", held[a], value[a]);
+            assert!((held_std[a] / (weight.sqrt() * std[a]) - 1.0).abs() < within, "{a}: {} {} {weight}", held_std[a], std[a]);
+        }
+    };
+
+    // A run that does not tell the slopes of the sensitivities, which are nothing by their bounds; its temperature beside a constant offset.
+    let case = Case::new();
+    case.put("26-01-01/00-00-00.CCR", short_run(22.0));
+    let lin = |of_offset: String| {
+        let others = bound("slope_sigma", 1e-15, "nT/enT/K") + &bound("slope_xi", 1e-15, "deg/K");
+        case.put("campaign.toml", format!("offset_trend_order = 0\n{others}{of_offset}"));
+        let output = case.run("lin", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        assert!(!text(&output.stderr).contains("read and not used"), "{}", text(&output.stderr));
+        parameters(&folder(&case, ID).join(format!("PARAMETER_LIN__{ID}.CPF")))
+    };
+    let free = lin(String::new());
+    let typical = three(&free, "slopes.std.b_or_ent")[0];
+    weighed(&free, &lin(bound("slope_offset", typical, "enT/K")), typical, 1e-6);
+
+    // One that tells them all, which are found together.
+    const RUN: &str = "13-04-03_10-15-00";
+    let mut twin = april();
+    twin.runs.retain(|run| run.id == RUN);
+    let case = Case::new();
+    write_campaign(&twin, 7, &case.campaign(), false, || ()).unwrap();
+    let lin = || {
+        let output = case.run("lin", &["--no-plots"]);
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        parameters(&folder(&case, RUN).join(format!("PARAMETER_LIN__{RUN}.CPF")))
+    };
+    let free = lin();
+    let typical = three(&free, "slopes.std.b_or_ent")[0];
+    let written = std::fs::read_to_string(case.campaign().join("campaign.toml")).unwrap();
+    case.put("campaign.toml", written + "\n" + &bound("slope_offset", typical, "enT/K"));
+    let held = lin();
+    assert_eq!(held["slopes"]["source"].as_str(), Some("run"));
+    let [[value, moved], [std, held_std]] =
+        ["slopes.b_or_ent", "slopes.std.b_or_ent"].map(|key| [three(&free, key), three(&held, key)]);
+    for a in 0..3 {
+        assert!(held_std[a] <= std[a].min(typical) * (1.0 + 1e-9), "{a}: {} {} {typical}", held_std[a], std[a]);
+    }
+    assert!(held_std[0] < 0.75 * std[0] && moved[0].abs() < value[0].abs(), "{held_std:?} {std:?} {moved:?} {value:?}");
+    // The offset at the stated temperature can only become more certain.
+    let [before, after] = [&free, &held].map(|file| three(file, "std.b_or"));
+    assert!((0..3).all(|a| after[a] <= before[a]), "{before:?} {after:?}");
+}
+
 #[test]
 fn a_group_whose_runs_show_no_slopes_leaves_a_moving_run_its_own() {
     let case = Case::new();

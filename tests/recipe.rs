@@ -120,10 +120,10 @@ proptest! {
         round("lin", linear.clone(), reading.clone(), &[Role::Facility, Role::Linearisation, Role::Model]);
         round("linearise", linear, reading.clone(), &[Role::Facility, Role::Model]);
         let offsets = offset::Options { cut, allow_mismatch: mismatch, ..offset::Options::default() };
-        round("offset", offsets, reading.clone(), &[Role::Cpf, Role::Facility]);
+        round("offset", offsets, reading.clone(), &[Role::Cpf, Role::Facility, Role::Model]);
         round("freq", freq::Options { settling, ..freq::Options::default() }, reading.clone(), &[Role::Model]);
         round("freq", freq::Options::default(), Reading::default(), &[Role::Amplitudes]);
-        round("null", null::Options { order, ..null::Options::default() }, reading.clone(), &[Role::Cpf]);
+        round("null", null::Options { order, ..null::Options::default() }, reading.clone(), &[Role::Cpf, Role::Model]);
         let swept = sweep::Options {
             cut,
             window,

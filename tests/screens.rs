@@ -3,7 +3,7 @@
 use crate::common;
 
 use common::check::{Case, calfit, refused, says, text};
-use common::{Plan, Run, Setting, programme, sines};
+use common::{Plan, Run, Setting, programme, sines, with_rows};
 
 /// 360 settings of 1000 nT in all directions, a second each, while the sensor warms up by 80 K.
 fn sweep() -> Run {
@@ -47,11 +47,41 @@ fn check_tells_a_run_whose_readings_are_those_of_another() {
     let (status, messages) = checked(copy.clone());
     assert_eq!(status, Some(0), "{messages}");
     says(&messages, &["26-01-16/09-00-00.CCR: holds the same readings as", "it would count twice"]);
-    // One reading that differs in its last digit makes another run.
+    // One reading that differs in its last digit makes another run, most of whose readings are those of the first all the same.
     let other = copy.replace(",-9.912\n@END", ",-9.913\n@END");
     assert_ne!(other, copy);
     let (_, messages) = checked(other);
     assert!(!messages.contains("same readings"), "{messages}");
+    says(&messages, &["100 % of its readings stand in ", "both are of one recording"]);
+}
+
+/// A second export of a run that lacks its last second, and a run that begins before the one before it ends.
+#[test]
+fn check_tells_runs_that_share_readings_or_overlap() {
+    let run = include_str!("../runs/sample/26-01-15/09-00-00.CCR");
+    let checked = |files: &[(&str, String)]| {
+        let case = Case::new();
+        files.iter().for_each(|(name, content)| drop(case.put(name, content)));
+        let output = calfit().arg("check").arg(case.campaign()).output().unwrap();
+        assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+        text(&output.stdout) + &text(&output.stderr)
+    };
+    let lines: Vec<&str> = run.lines().collect();
+    let (end, rows) = lines.split_last().unwrap();
+    let shorter = format!("{}\n{end}\n", rows[..rows.len() - 128].join("\n"));
+    let again = shorter.replace("26-01-15", "26-01-16").replace("2026-01-15", "2026-01-16");
+    let messages = checked(&[("26-01-15/09-00-00.CCR", run.to_owned()), ("26-01-16/09-00-00.CCR", again)]);
+    says(&messages, &["26-01-16/09-00-00.CCR: 100 % of its readings stand in ", "it would count twice"]);
+    assert!(!messages.contains("of the same sensor goes on"), "{messages}");
+    // Other readings, half a minute after the start of the first.
+    let turned = with_rows(run, "@VECTORS", |cells| match cells {
+        [n, t, x, y, z] if *x != "x" => format!("{n},{t},{},{y},{z}", x.parse::<f64>().unwrap() + 0.001),
+        _ => cells.join(","),
+    });
+    let turned = turned.replace("26-01-15_09-00-00", "26-01-15_09-00-30").replace("T09:00:00", "T09:00:30");
+    let messages = checked(&[("26-01-15/09-00-00.CCR", run.to_owned()), ("26-01-15/09-00-30.CCR", turned)]);
+    says(&messages, &["26-01-15/09-00-30.CCR: begins while ", "26-01-15/09-00-00.CCR of the same sensor goes on"]);
+    assert!(!messages.contains("stand in"), "{messages}");
 }
 
 #[test]

@@ -6,7 +6,9 @@ use super::{Common, Status};
 use crate::data::error::{Finding, Severity};
 use crate::data::index::INDEX_FILE;
 use crate::data::note::Note;
-use crate::data::run::{Kind, Vector, VectorSink};
+use crate::data::run::{Gap, Kind, Vector, VectorAccount, VectorSink};
+use crate::data::sketch::Sketch;
+use crate::data::units::counted;
 use crate::files::campaign::Campaign;
 use crate::files::export::rpcmag;
 use crate::files::import::mapping;
@@ -17,6 +19,7 @@ use crate::files::source::{digest, read_whole, small_text};
 use crate::files::table::columns;
 use crate::files::text::Keys;
 use crate::files::{amplitudes, campaign, ccr, facility, index, mag, twin};
+use crate::measure::recordings::{self, Copied, Overlap, Recording};
 use crate::model::campaign::Instructions;
 use crate::record::temperature_faults::{self, ChannelFault};
 use clap::Args;
@@ -44,9 +47,18 @@ struct Checked {
     /// Files that an index says to be stale.
     #[serde(skip)]
     stale: usize,
-    /// What the readings of a run file are.
+    /// What a run file holds.
     #[serde(skip)]
+    run: Option<CheckedRun>,
+}
+
+/// What is compared of run files.
+struct CheckedRun {
+    /// What distinguishes its readings; `None` of too few.
     readings: Option<u64>,
+    recording: Recording,
+    /// Folder of its campaign.
+    root: PathBuf,
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
@@ -55,14 +67,15 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
     let mut results: Vec<Checked> = files
         .par_iter()
         .map(|path| {
-            let mut readings = None;
-            let (findings, stale) = bar.of(&path.display().to_string(), || check(path, common, &mut readings));
+            let mut run = None;
+            let (findings, stale) = bar.of(&path.display().to_string(), || check(path, common, &mut run));
             let ok = findings.iter().all(|f| f.severity != Severity::Error);
-            Checked { file: path.display().to_string(), ok, findings, stale, readings }
+            Checked { file: path.display().to_string(), ok, findings, stale, run }
         })
         .collect();
     bar.finish();
     tell_copies(&mut results);
+    tell_recordings(&mut results);
     let bad = results.iter().filter(|r| !r.ok).count();
     if common.json {
         terminal.print(&json(&results)?);
@@ -95,12 +108,45 @@ pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -
 fn tell_copies(results: &mut [Checked]) {
     for later in 1..results.len() {
         let (before, own) = results.split_at_mut(later);
-        let is_same = |other: &&Checked| other.readings.is_some() && other.readings == own[0].readings;
+        let mark = |one: &Checked| one.run.as_ref().and_then(|run| run.readings);
+        let is_same = |other: &&Checked| mark(other).is_some() && mark(other) == mark(&own[0]);
         if let Some(first) = before.iter().find(is_same) {
             let rule = format!("holds the same readings as {}, one after the other: it is a copy under another name", first.file);
             let remedy = "take one of the two away, it would count twice";
             own[0].findings.push(Finding::error(&own[0].file, rule, remedy).weighing(Severity::Warning));
         }
+    }
+}
+
+/// Says of the run files of every campaign which are copies of a part of another one, and which overlap with one in time.
+fn tell_recordings(results: &mut [Checked]) {
+    let mut roots: Vec<PathBuf> = results.iter().filter_map(|one| Some(one.run.as_ref()?.root.clone())).collect();
+    roots.sort_unstable();
+    roots.dedup();
+    let mut told: Vec<(usize, String, &str)> = Vec::new();
+    for root in roots {
+        let own = results.iter().enumerate().filter_map(|(place, one)| {
+            let run = one.run.as_ref().filter(|run| run.root == root)?;
+            Some((place, run.readings, run.recording.clone()))
+        });
+        let own: Vec<(usize, Option<u64>, Recording)> = own.collect();
+        let all: Vec<Recording> = own.iter().map(|(_, _, recording)| recording.clone()).collect();
+        let copies = recordings::copies(&all);
+        let file = |index: usize| results[own[index].0].file.as_str();
+        for copied in &copies {
+            // Those that are copies from the first to the last reading are told already.
+            let marks = [copied.copy, copied.of].map(|index| own[index].1);
+            if marks[0].is_none() || marks[0] != marks[1] {
+                told.push((own[copied.copy].0, copied.text(file(copied.of)), Copied::REMEDY));
+            }
+        }
+        for overlap in recordings::overlaps(&all, &copies) {
+            told.push((own[overlap.second].0, overlap.text(file(overlap.first)), Overlap::REMEDY));
+        }
+    }
+    for (place, rule, remedy) in told {
+        let one = &mut results[place];
+        one.findings.push(Finding::error(&one.file, rule, remedy).weighing(Severity::Warning));
     }
 }
 
@@ -162,8 +208,8 @@ fn files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Finding> {
     Ok(files)
 }
 
-/// What is wrong with a file, and how many files it says to be stale; `readings` are those of a run file.
-fn check(path: &Path, common: &Common, readings: &mut Option<u64>) -> (Vec<Finding>, usize) {
+/// What is wrong with a file, and how many files it says to be stale; `read` is what a run file holds.
+fn check(path: &Path, common: &Common, read: &mut Option<CheckedRun>) -> (Vec<Finding>, usize) {
     let mut stale = 0;
     let shown = path.display().to_string();
     let name = shown.to_ascii_uppercase();
@@ -186,19 +232,23 @@ fn check(path: &Path, common: &Common, readings: &mut Option<u64>) -> (Vec<Findi
         amplitudes::read(path, &mut findings).err()
     } else {
         let options = ccr::Options { collect: true, ..common.desk().reading(&shown, false) };
-        let mut own = Readings::default();
-        match ccr::read(path, &options, &mut own) {
-            Ok(run) => {
+        let mut sinks = (Readings::default(), Sketch::default());
+        match ccr::read(path, &options, &mut sinks) {
+            Ok(mut run) => {
+                let (mut own, sketch) = sinks;
+                run.vectors.sketch = sketch;
                 run.blocks.iter().for_each(|block| own.take(&block.mean.0));
                 run.scalar.iter().for_each(|row| own.take(&[row.modulus_nt]));
-                *readings = own.mark();
                 let fault = |f: ChannelFault| {
                     Finding::error(&shown, f.text(), "do not use the channel where it is wrong").weighing(Severity::Warning)
                 };
                 // The channels of coils and rack are those that the campaign of the run names.
                 let campaigns = Campaign::open(&[path.to_owned()], &mut Vec::new()).unwrap_or_default();
                 let instructions = campaigns.first().map_or_else(Instructions::default, |c| c.file.instructions.clone());
+                let root = campaigns.first().map(|campaign| campaign.root.clone()).unwrap_or_default();
+                *read = Some(CheckedRun { readings: own.mark(), recording: Recording::of(&run), root });
                 findings.extend(temperature_faults::faults(&run, &instructions).into_iter().map(fault));
+                findings.extend(gaps(&shown, &run.vectors));
                 let needs_settings = matches!(run.header.kind, Kind::Linearity | Kind::Offset | Kind::Frequency | Kind::Sweep);
                 if needs_settings && run.settings.is_empty() && run.blocks.is_empty() {
                     let rule = format!("has no setting, without which a run of the kind {} gives nothing", run.header.kind);
@@ -213,6 +263,35 @@ fn check(path: &Path, common: &Common, readings: &mut Option<u64>) -> (Vec<Findi
     };
     findings.extend(error);
     (findings, stale)
+}
+
+/// Gaps of a run that are told one by one.
+const MOST_GAPS: usize = 5;
+
+/// Samples that the counter says to be missing, each gap at the first row behind it.
+fn gaps(file: &str, vectors: &VectorAccount) -> Vec<Finding> {
+    let warning = |rule: String| {
+        let remedy = "see whether the recording lost them; what is computed goes by the counter and leaves them out";
+        Finding::error(file, rule, remedy).weighing(Severity::Warning)
+    };
+    let are = |samples: u64| if samples == 1 { "is" } else { "are" };
+    let one = |gap: &Gap| {
+        let (samples, t_s) = (gap.lost, gap.t_s);
+        warning(format!("{} {} missing before this row, at {t_s} s", counted(samples, "sample"), are(samples))).at(gap.line, 1)
+    };
+    let told = &vectors.gaps[..vectors.gaps.len().min(MOST_GAPS)];
+    let mut list: Vec<Finding> = told.iter().map(one).collect();
+    let more = vectors.gap_count - told.len() as u64;
+    if more > 0 {
+        let samples = vectors.lost - told.iter().map(|gap| gap.lost).sum::<u64>();
+        list.push(warning(format!(
+            "{} {} missing in {} behind these",
+            counted(samples, "sample"),
+            are(samples),
+            counted(more, "gap")
+        )));
+    }
+    list
 }
 
 /// Configurations of `flight`, mappings, twins and facility files are TOML of any name, told apart by keys that only they have; a campaign

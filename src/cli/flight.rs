@@ -204,6 +204,8 @@ struct CarryDay<'a> {
     continuity_nt: [f64; 3],
     modes: Vec<&'a str>,
     reset: bool,
+    /// A daily model acts on it that is joined to those of other days.
+    daily_model: bool,
 }
 
 /// A day that cannot be made with the table.
@@ -226,6 +228,7 @@ impl<'a> CarryShown<'a> {
             continuity_nt: row.continuity.sum_nt,
             modes: row.modes.split(' ').filter(|sid| !sid.is_empty()).collect(),
             reset: row.continuity.joined.is_none(),
+            daily_model: row.has_model,
         };
         let unknown = carry.unknown.iter().map(|((sensor, day), reason)| UnknownDay { sensor, day: day_name(*day), reason });
         Self { file: file.display().to_string(), days: carry.rows.iter().map(day).collect(), unknown: unknown.collect() }

@@ -5,7 +5,7 @@ use super::output::Terminal;
 use super::{Common, Status, each};
 use crate::data::error::Finding;
 use crate::measure::null::Options;
-use crate::workflow::sensitivities;
+use crate::workflow::{known, sensitivities};
 use clap::Args;
 use std::path::PathBuf;
 
@@ -20,12 +20,19 @@ pub(super) struct Arguments {
     /// Linear calibration of the same sensor and mode: its sensitivities give reading, drift and noise in nT as well.
     #[arg(long, value_name = "FILE")]
     cpf: Option<PathBuf>,
+    /// Model file of `calfit diagnose --write-model`: its effects are taken off the samples.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
     #[command(flatten)]
     excluding: Excluding,
 }
 
 pub(super) fn run(arguments: &Arguments, common: &Common, terminal: &Terminal) -> Result<Status, Finding> {
-    common.results.places(&arguments.cpf);
-    let options = Options { order: usize::from(arguments.order), cpf: sensitivities(arguments.cpf.as_ref())? };
+    common.results.places(arguments.cpf.iter().chain(&arguments.model));
+    let options = Options {
+        order: usize::from(arguments.order),
+        cpf: sensitivities(arguments.cpf.as_ref())?,
+        model: known(arguments.model.as_ref())?,
+    };
     each::run(&options, &arguments.paths, &arguments.excluding, common, terminal)
 }

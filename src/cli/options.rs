@@ -42,7 +42,7 @@ pub(super) struct Corrections {
     #[arg(long, value_name = "FILE")]
     pub facility: Option<PathBuf>,
     /// Model file of `calfit diagnose --write-model`: its effects are taken off the readings of linearity runs and sweeps and off sines,
-    /// those that are functions of the reading off offset runs.
+    /// those that are functions of the reading off offset runs, those of zero field off the samples of zero-field runs.
     #[arg(long, value_name = "FILE")]
     pub model: Option<PathBuf>,
 }

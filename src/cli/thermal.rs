@@ -322,7 +322,7 @@ pub(super) fn warn_of_model(model: Option<&Known>, measured: &[Measured], termin
     let count = measured.iter().filter(as_it_is).count();
     if count > 0 {
         let file = &model.input.path;
-        terminal.warning(&format!("{file}: its effects have no influence on {count} zero-field runs"));
+        terminal.warning(&format!("{file}: its effects have no influence on {count} runs, whose analysis takes none"));
     }
 }
 

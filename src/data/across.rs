@@ -243,6 +243,8 @@ pub struct CalibratedRun {
     pub reference: Option<StatedReference>,
     /// What qualifies its values.
     pub notes: Vec<Note>,
+    /// The run that holds most of its readings as well, where they are of one recording.
+    pub copy_of: Option<String>,
 }
 
 /// Rotation angles of every run, degrees; nan where a file does not tell.

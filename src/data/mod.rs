@@ -22,6 +22,7 @@ pub mod reference;
 pub mod result;
 pub mod run;
 pub mod run_state;
+pub mod sketch;
 pub mod start;
 pub mod tables;
 pub mod thermistor;

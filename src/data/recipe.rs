@@ -63,9 +63,9 @@ const fn recorded(name: &'static str, command: &'static str, files: &'static [Ro
 pub const ANALYSES: [Recorded; 14] = [
     Recorded { flag: Some("linearise"), ..recorded("linearise", "lin", &[Role::Facility, Role::Model, Role::Temperature]) },
     recorded("lin", "lin", &[Role::Facility, Role::Linearisation, Role::Model, Role::Temperature]),
-    recorded("offset", "offset", &[Role::Cpf, Role::Facility]),
+    recorded("offset", "offset", &[Role::Cpf, Role::Facility, Role::Model]),
     recorded("freq", "freq", &[Role::Model, Role::Amplitudes]),
-    recorded("null", "null", &[Role::Cpf]),
+    recorded("null", "null", &[Role::Cpf, Role::Model]),
     recorded(
         "thermal",
         "thermal",

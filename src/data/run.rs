@@ -2,6 +2,7 @@
 
 use crate::data::error::Finding;
 use crate::data::exclusion::Exclusion;
+use crate::data::sketch::Sketch;
 use crate::data::start::Start;
 use crate::data::units::{FieldCoil, Reading};
 use serde::{Deserialize, Serialize};
@@ -293,6 +294,9 @@ pub struct VectorAccount {
     pub span_s: Option<[f64; 2]>,
     /// Sample rate from counter and time column, Hz.
     pub measured_rate_hz: Option<f64>,
+    /// Which readings they are, as far as who read the run looked at it.
+    #[serde(skip)]
+    pub sketch: Sketch,
 }
 
 impl VectorAccount {

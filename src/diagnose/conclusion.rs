@@ -1,5 +1,6 @@
 //! What the search in means found, of a run or of a flight, as a diagnosis: steps with what is drawn of them, what is left, limits, notes.
 
+use super::beside::Beside;
 use super::candidate::Candidate;
 use super::left::{self, OUTLIER, Rest, StandingOut};
 use super::limits::{hidden_drifts, limits};
@@ -33,6 +34,8 @@ pub(super) struct Searched<'a> {
     pub steps: Vec<Step>,
     /// What is drawn of it.
     pub pictures: Pictures,
+    /// What the samples show that no effect explains.
+    pub beside: Beside,
     /// What was noted before.
     pub notes: Vec<Note>,
 }
@@ -40,11 +43,14 @@ pub(super) struct Searched<'a> {
 impl Searched<'_> {
     /// The diagnosis.
     pub fn diagnosis(self) -> Diagnosis {
-        let Searched { means, outcome, mut pictures, mut notes, .. } = self;
+        let Searched { means, outcome, mut pictures, beside, mut notes, .. } = self;
         let all = means.all(&outcome.terms);
         let before = self.steps.len();
         let Rest { left, open } = left::left(means, &outcome.fit, &all);
-        let (steps, maps, places) = steps_of_all(means, outcome, self.steps, &mut pictures, open);
+        let (mut steps, maps, places) = steps_of_all(means, outcome, self.steps, &mut pictures, open);
+        beside.doubt(&mut steps, &means.prepared.record);
+        // What the means leave concerns every calibration; where it is nothing, the samples may tell more.
+        let left = left.or(beside.left);
         let numbers: Vec<usize> = places.iter().map(|place| place + 1).collect();
         let gap_chain = left::chain(means, &outcome.fit, &all, &numbers[before..], numbers[..before].to_vec());
         let noise_floor_nt = means.mean_noise_nt(&means.row_std(&outcome.fit, &all));

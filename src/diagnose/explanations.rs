@@ -29,11 +29,13 @@ const BARS: usize = 7;
 pub struct Explanation {
     /// Key of its candidates.
     pub key: String,
-    /// Logarithm of evidence times prior.
+    /// Logarithm of evidence times prior among other effects.
     pub evidence: f64,
+    /// What of it is no evidence against noise: the logarithm of how many times as likely it is among other effects as beside noise.
+    pub favour: f64,
     /// Index of its best candidate.
     pub best: usize,
-    /// Evidence of the best candidate with its prior.
+    /// Evidence of the best candidate with its prior beside noise.
     pub best_evidence: f64,
     /// Score of the best candidate.
     pub score: Score,
@@ -63,6 +65,7 @@ pub struct Scored<'a> {
     fitted: &'a Fitted,
     candidates: Vec<&'a Candidate>,
     log_priors: Vec<f64>,
+    trend_order: Option<usize>,
     /// What the model leaves of the columns of each candidate.
     pub groups: Vec<Group>,
     /// Explanations by their evidence, the best first.
@@ -70,9 +73,16 @@ pub struct Scored<'a> {
 }
 
 impl<'a> Scored<'a> {
-    /// Scores candidates; those with a prior of zero (minus infinity) are not looked for.
-    pub fn new(fitted: &'a Fitted, candidates: Vec<&'a Candidate>, groups: Vec<Group>, log_priors: Vec<f64>) -> Self {
-        let mut scored = Self { fitted, candidates, log_priors, groups, explanations: Vec::new() };
+    /// Scores candidates beside an offset that is a polynomial in time of this order; those with a prior of zero (minus infinity) are not
+    /// looked for.
+    pub fn new(
+        fitted: &'a Fitted,
+        candidates: Vec<&'a Candidate>,
+        groups: Vec<Group>,
+        log_priors: Vec<f64>,
+        trend_order: Option<usize>,
+    ) -> Self {
+        let mut scored = Self { fitted, candidates, log_priors, trend_order, groups, explanations: Vec::new() };
         scored.explanations = scored.explained();
         scored
     }
@@ -99,8 +109,9 @@ impl<'a> Scored<'a> {
         }
         let explanation = |(key, own): (&str, Vec<(usize, f64, Score)>)| {
             let (best, best_evidence, score) = own.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
-            let evidence = log_sum(own.iter().map(|(_, evidence, _)| *evidence));
-            Some(Explanation { key: key.to_owned(), evidence, best, best_evidence, score })
+            let favour = self.candidates[best].effect.among_effects(self.trend_order).ln();
+            let evidence = log_sum(own.iter().map(|(_, evidence, _)| *evidence)) + favour;
+            Some(Explanation { key: key.to_owned(), evidence, favour, best, best_evidence, score })
         };
         let mut all: Vec<Explanation> = keys.into_iter().zip(own).filter_map(explanation).collect();
         all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
@@ -124,10 +135,11 @@ impl<'a> Scored<'a> {
 
     /// What becomes of a term whose own score beside all other terms is this one; a better term is named by its index.
     pub fn revised(&self, key: &str, own: &Score) -> Revision<usize> {
-        let evidence = self.explanation(key).map_or(f64::NEG_INFINITY, |e| e.evidence).max(own.evidence - SHARE);
-        if evidence < 0.0 {
+        let (of_grid, favour) = self.explanation(key).map_or((f64::NEG_INFINITY, 0.0), |e| (e.evidence, e.favour));
+        if (of_grid - favour).max(own.evidence - SHARE) < 0.0 {
             return Revision::Drop;
         }
+        let evidence = of_grid.max(own.evidence - SHARE);
         let better = self.explanations.first().filter(|b| b.evidence > evidence + SWAP && b.key != key);
         better.map_or(Revision::Keep, |b| Revision::Swap(b.best))
     }

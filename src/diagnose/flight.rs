@@ -2,6 +2,7 @@
 //! as the plateau means of a run; a constant is the linear model, and slow noise, which the field of a spacecraft has, is estimated beside
 //! every set of effects.
 
+use super::beside::Beside;
 use super::conclusion::Searched;
 use super::means::Means;
 use super::result::{Diagnosis, Pictures};
@@ -113,6 +114,7 @@ pub fn of_difference(of: &Difference) -> Result<Diagnosis, DiagnoseError> {
         reading_ent: [[f64::INFINITY, f64::NEG_INFINITY]; 3],
         steps: Vec::new(),
         pictures: Pictures::default(),
+        beside: Beside::default(),
         notes: outcome.note().into_iter().collect(),
     };
     Ok(Diagnosis { basis: Some(basis(of)), ..searched.diagnosis() })

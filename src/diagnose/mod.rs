@@ -9,6 +9,7 @@
 //! structs ([`result`]).
 
 pub mod across;
+mod beside;
 pub mod branches;
 pub mod candidate;
 mod conclusion;

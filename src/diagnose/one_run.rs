@@ -1,5 +1,6 @@
 //! One run with plateaus: damaged data, then a lag of the thermistor, then the samples, then the plateau means.
 
+use super::beside::Beside;
 use super::candidate::Candidate;
 use super::conclusion::Searched;
 use super::fault::{self, FoundFault};
@@ -99,6 +100,7 @@ pub(super) fn run(
     }
     // What happens inside the plateaus next: its consequences for the means are known then.
     let settings = settings_s(plateaus);
+    let recorded = samples;
     let steady = samples.map(|samples| prepared.at_steady_temperature(samples, &settings));
     let samples = steady.as_deref();
     let inside = in_samples(&prepared, samples, &settings, known, &options.catalogue);
@@ -131,7 +133,7 @@ pub(super) fn run(
     if !inside.all.iter().any(|f| f.effect.in_samples().is_some_and(InSamples::follows_steps)) {
         notes.extend(samples::loud(plateaus));
     }
-    notes.extend(samples.filter(|_| !prepared.record.has_fields()).map(samples::still).unwrap_or_default());
+    let beside = Beside::of(&prepared, [recorded, samples], plateaus, &inside.all, &mut notes);
     if run.vectors.lost > 0 {
         let text = conditions::lost(run.vectors.lost, run.vectors.gap_count);
         notes.push(Note::new(NoteKind::Data, text));
@@ -146,6 +148,7 @@ pub(super) fn run(
         reading_ent: reading_ranges_ent(&prepared.record),
         steps,
         pictures,
+        beside,
         notes,
     };
     Ok(searched.diagnosis())

@@ -105,6 +105,12 @@ pub enum LeftLike {
     Scatter,
     /// Single plateaus far from the others.
     Plateaus,
+    /// Settings that show the field of the one beside them for longer than the others do.
+    Edges,
+    /// A component that stands still for a while.
+    Still,
+    /// Something in a narrow band of the spectrum of the samples.
+    Band,
     /// Disagreement of any other kind.
     Disagreement,
 }

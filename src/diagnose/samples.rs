@@ -1,20 +1,27 @@
 //! What happens inside the plateaus: displaced edges, transients after steps, periodic signals.
 
 mod edges;
+mod end_of_range;
 mod loud;
+mod narrow;
 mod periodic;
 mod scatter;
 mod still;
 mod transients;
 
-use crate::fit::statistics::median;
+use crate::data::plateau::{Plateau, Plateaus};
+use crate::fit::statistics::{median, robust_std};
 use crate::model::effects::{EffectRef, Record, Row, Spec};
 use crate::record::prepared::{PreparedRun, Samples};
+pub(super) use edges::apart;
 pub use edges::displaced;
+pub(super) use end_of_range::at_end;
 pub use loud::loud;
+pub(super) use narrow::narrow;
 pub use periodic::periodic;
 use rayon::prelude::*;
-pub use still::still;
+use std::f64::consts::SQRT_2;
+pub(super) use still::still;
 pub(super) use transients::phases;
 pub use transients::transient;
 
@@ -90,6 +97,17 @@ fn sample_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
     sums.map(|s| (s / (2.0 * f64::max(count, 1.0))).sqrt())
 }
 
+/// The same, of which edges and spikes inside the plateaus are no part; where most neighbours are equal it says nothing, and they are.
+fn usual_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
+    let usual = |a: usize| {
+        let readings = |[from, to]: &[usize; 2]| &samples.reading_ent[*from..*to];
+        let steps = windows.iter().map(readings).flat_map(|own| own.windows(2)).map(|pair| pair[1][a] - pair[0][a]);
+        robust_std(steps) / SQRT_2
+    };
+    let all = sample_std(samples, windows);
+    [0, 1, 2].map(|a: usize| Some(usual(a)).filter(|std| *std > 0.0).unwrap_or(all[a]))
+}
+
 /// Time between samples, s.
 fn interval_s(samples: &Samples) -> Option<f64> {
     let t_s = &samples.t_s;
@@ -111,6 +129,21 @@ pub(super) fn windows_of(samples: &Samples, settings: &[[f64; 2]], beside_s: f64
         .map(|[begin, end]| [at(begin + beside_s), at(end - beside_s)])
         .map(|[from, to]| [from, to.max(from)])
         .collect()
+}
+
+/// The settings of constant fields, each with all of its samples.
+fn of_settings<'a>(samples: &Samples, plateaus: &'a Plateaus) -> Vec<(&'a Plateau, [usize; 2])> {
+    let steady: Vec<&Plateau> = plateaus.list.iter().filter(|p| p.setting.frequency_hz == 0.0).collect();
+    let settings: Vec<[f64; 2]> = steady.iter().map(|p| [p.setting.t_start_s, p.setting.t_end_s]).collect();
+    steady.into_iter().zip(windows_of(samples, &settings, 0.0)).collect()
+}
+
+/// Level of the samples in a part of a setting, in quarters of it: what happens in less than half of them does not move it. `None` of too few.
+fn level(samples: &Samples, [from, to]: [usize; 2], quarters: [usize; 2]) -> Option<[f64; 3]> {
+    const FEWEST: usize = 4;
+    let at = |quarter: usize| from + quarter * to.saturating_sub(from) / 4;
+    let part = samples.reading_ent.get(at(quarters[0])..at(quarters[1])).filter(|part| part.len() >= FEWEST)?;
+    Some([0, 1, 2].map(|a: usize| median(&mut part.iter().map(|v| v[a]).collect::<Vec<f64>>())))
 }
 
 /// Squares and scatter of the samples of the settings around their means, without and with what was found before.

@@ -358,7 +358,7 @@ impl Step {
 
 /// The axes of the sensor whose readings a step changes, which are other ones than those that it names where these are coil axes, or axes of a
 /// turn; all of them where it has no columns.
-fn acts_on(step: &Step, record: &Record) -> [bool; 3] {
+pub(super) fn acts_on(step: &Step, record: &Record) -> [bool; 3] {
     let forms = std::iter::once(&step.form).chain(step.further.iter().map(|further| &further.form));
     let columns: Option<Vec<Vec<Column>>> = forms.map(|form| step.effect.columns(record, form)).collect();
     let Some(columns) = columns else { return [true; 3] };

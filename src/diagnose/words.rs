@@ -53,6 +53,13 @@ fn not_explained(left: &Left) -> String {
             )
         }
         LeftLike::Plateaus => format!("single plateaus stand out, by up to {size}: they were disturbed"),
+        LeftLike::Edges => {
+            format!(
+                "a part of the edges stands elsewhere than the others: settings show the field of the one beside them, {size} of a sample"
+            )
+        }
+        LeftLike::Still => format!("a component stands still ({place}): its readings there tell nothing"),
+        LeftLike::Band => format!("something periodic or of a narrow band is left in the samples, {size} of the bands beside it"),
         LeftLike::Disagreement => format!("the data disagree by {size}"),
     }
 }

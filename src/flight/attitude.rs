@@ -2,7 +2,7 @@
 
 use super::{Block, Step};
 use crate::data::flags::Flags;
-use crate::data::time::{LeapSeconds, Tt2000};
+use crate::data::time::{LeapSeconds, SECOND_NS, Tt2000};
 use crate::files::flight::auxiliary::Attitude;
 use crate::fit::statistics::median;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion};
@@ -229,6 +229,38 @@ fn seconds(a: Tt2000, b: Tt2000) -> f64 {
     (a - b) as f64 * 1e-9
 }
 
+/// Further from the origin, km, no spacecraft has ever been, and none was faster, km/s, by far: the first is 200 times the distance of the Earth from the Sun,
+/// the second more than twice the speed of the fastest.
+const FURTHEST_KM: f64 = 3e10;
+const FASTEST_KM_PER_S: f64 = 500.0;
+
+/// What rows of a table of positions have that no position in km can: a distance, or a speed from one row to the next.
+#[must_use]
+pub fn impossible_positions(table_time: &[Tt2000], table_km: &[[f64; 3]]) -> Option<String> {
+    let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
+    let far = table_km.iter().map(|km| norm(*km)).filter(|km| *km > FURTHEST_KM);
+    let (count, most_km) = far.fold((0_usize, 0.0_f64), |(count, most), km| (count + 1, most.max(km)));
+    if count > 0 {
+        return Some(format!(
+            "{count} of {} positions of the table are up to {most_km:.1e} km from the origin, further than any spacecraft: the table is hardly in km",
+            table_km.len()
+        ));
+    }
+    let speed = |(time, km): (&[Tt2000], &[[f64; 3]])| {
+        let apart_km = norm([0, 1, 2].map(|i| km[1][i] - km[0][i]));
+        #[expect(clippy::cast_precision_loss, reason = "differences of times")]
+        let apart_s = (time[1] - time[0]) as f64 / SECOND_NS as f64;
+        apart_km / apart_s
+    };
+    let fast = table_time.windows(2).zip(table_km.windows(2)).map(speed).filter(|speed| *speed > FASTEST_KM_PER_S);
+    let (count, most) = fast.fold((0_usize, 0.0_f64), |(count, most), speed| (count + 1, most.max(speed)));
+    (count > 0).then(|| {
+        format!(
+            "{count} steps of the table of positions take up to {most:.1e} km/s, faster than any spacecraft: rows of it are hardly in km, or have wrong times"
+        )
+    })
+}
+
 /// Positions at times: a cubic through four rows of the table, a straight line in its first and last interval; nan outside.
 #[must_use]
 pub fn positions_km(table_time: &[Tt2000], table_km: &[[f64; 3]], times: &[Tt2000]) -> [Vec<f64>; 3] {
@@ -278,6 +310,30 @@ mod tests {
         // Within the gap and behind the table there is no attitude; at the last row there is.
         assert!([5, 7].iter().all(|row| block.field[0][*row].is_nan() && block.flags[*row] == Flags::ATTITUDE.0));
         assert!((block.field[0][6] - 0.5_f64.cos()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn positions_that_are_in_no_km_are_told() {
+        // A circle around the Earth, a row every minute.
+        let time: Vec<Tt2000> = (0..90).map(|k| k * 60 * SECOND_NS).collect();
+        let km: Vec<[f64; 3]> = (0..90)
+            .map(|k| (f64::from(k) / 90.0 * std::f64::consts::TAU).sin_cos())
+            .map(|(s, c)| [6800.0 * c, 6800.0 * s, 0.0])
+            .collect();
+        assert_eq!(impossible_positions(&time, &km), None);
+        let in_m = |rows: std::ops::Range<usize>| -> Vec<[f64; 3]> {
+            km.iter().enumerate().map(|(k, own)| own.map(|x| if rows.contains(&k) { 1000.0 * x } else { x })).collect()
+        };
+        let note = impossible_positions(&time, &in_m(0..90)).unwrap();
+        assert!(note.starts_with("89 steps of the table of positions take up to 7.9e3 km/s"), "{note}");
+        // One part of it: into it and out of it.
+        let note = impossible_positions(&time, &in_m(40..41)).unwrap();
+        assert!(note.starts_with("2 steps of the table of positions take up to 1.1e5 km/s"), "{note}");
+        // About the Sun at three times the distance of the Earth.
+        let far = [[4.5e8, 0.0, 0.0], [4.5e8, 900.0, 0.0]];
+        assert_eq!(impossible_positions(&time[..2], &far), None);
+        let note = impossible_positions(&time[..2], &far.map(|own| own.map(|x| 1000.0 * x))).unwrap();
+        assert!(note.starts_with("2 of 2 positions of the table are up to 4.5e11 km from the origin"), "{note}");
     }
 
     /// A spacecraft that turns evenly, in rows of 10 ns; angles of single rows are wrong.

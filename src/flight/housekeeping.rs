@@ -102,6 +102,31 @@ pub fn common_factor(pairs: &[Vec<[f64; 2]>], floor: f64, part: f64) -> Option<f
     (is_large && pairs.iter().all(|list| differing(&scaled(list), floor, part).is_none())).then_some(factor)
 }
 
+/// A thermistor that keeps one count for longer, ns, has to be at rest,
+const STILL_NS: i64 = 3600 * SECOND_NS;
+/// and one that is at rest has counts in the housekeeping that differ by less than this: noise and rounding of two converters.
+const AT_REST_COUNTS: f64 = 10.0;
+
+/// The readings, in the order of their times, of the longest stretch over which a channel of the telemetry keeps one count while that of the housekeeping
+/// moves, and by how many counts that moves. Pairs are of housekeeping and telemetry.
+#[must_use]
+pub fn still_while_moving(times: &[Tt2000], pairs: &[[f64; 2]]) -> Option<(Range<usize>, f64)> {
+    let mut best: Option<(Range<usize>, f64)> = None;
+    let lasted = |rows: &Range<usize>| times[rows.end - 1] - times[rows.start];
+    let mut begin = 0;
+    for stretch in pairs.chunk_by(|a, b| a[1] == b[1]) {
+        let rows = begin..begin + stretch.len();
+        begin = rows.end;
+        let (low, high) =
+            stretch.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), own| (low.min(own[0]), high.max(own[0])));
+        let is_longest = best.as_ref().is_none_or(|(longest, _)| lasted(&rows) > lasted(longest));
+        if lasted(&rows) >= STILL_NS && high - low >= AT_REST_COUNTS && is_longest {
+            best = Some((rows, high - low));
+        }
+    }
+    best
+}
+
 /// Delays that are tried, s, from one to the next and up to the longest one.
 const DELAY_STEP_S: i64 = 16;
 const LONGEST_DELAY_S: i64 = 1808;
@@ -149,6 +174,24 @@ pub fn late_s(housekept: &[(Tt2000, f64)], telemetry: &dyn Fn(Tt2000) -> Option<
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_thermistor_that_keeps_a_count_while_the_housekeeping_moves_is_found() {
+        // A reading every minute over two hours; the housekeeping warms by a count every two minutes.
+        let times: Vec<Tt2000> = (0..120).map(|i| i * 60 * SECOND_NS).collect();
+        let of = |telemetry: &dyn Fn(usize) -> f64, housekept: &dyn Fn(usize) -> f64| {
+            let pairs: Vec<[f64; 2]> = (0..120).map(|i| [housekept(i), telemetry(i)]).collect();
+            still_while_moving(&times, &pairs)
+        };
+        let warming = |i: usize| 500.0 + (i / 2) as f64;
+        assert_eq!(of(&warming, &warming), None);
+        // At rest, with the noise of a count.
+        assert_eq!(of(&|_| 500.0, &|i| 500.0 + (i % 3) as f64), None);
+        // From the 20th reading on, and for half an hour.
+        let stuck = |i: usize| warming(i.min(20));
+        assert_eq!(of(&stuck, &warming), Some((20..120, 49.0)));
+        assert_eq!(of(&|i| if i < 50 { warming(i.min(20)) } else { warming(i) }, &warming), None);
+    }
 
     #[test]
     fn times_of_a_thermistor_are_told_by_its_course() {

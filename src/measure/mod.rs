@@ -10,6 +10,7 @@ pub mod lin;
 pub mod linearise;
 pub mod null;
 pub mod offset;
+pub mod recordings;
 mod structure;
 pub mod sweep;
 pub mod thermal;

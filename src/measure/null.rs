@@ -5,6 +5,7 @@
 //! [`ROWS`] means; what slow noise does to them is told from inside the means and between them
 //! ([`crate::fit::noise`]). Spectrum and Allan deviation are those of [`crate::fit::spectrum`] and [`crate::fit::allan`].
 
+mod cleaned;
 mod drift;
 mod noise;
 mod record;
@@ -13,6 +14,7 @@ mod rows;
 mod spikes;
 mod stops;
 
+pub use cleaned::Cleaned;
 pub use noise::STATED_HZ;
 pub use record::{BLOCK, CHUNK, MOST_FILLED, Record};
 pub use refusal::{LEAST_SAMPLES, NullError};
@@ -25,8 +27,10 @@ use crate::data::provenance::Input;
 use crate::data::run::{Kind, Run, Setting};
 use crate::data::units::COMPONENTS;
 use crate::data::zero_field::{ChannelDependence, RecordExtent, ScaledZeroField, ZeroFieldFound};
+use crate::model::applied::ModelApplied;
 use crate::model::campaign::Instructions;
 use crate::record::conditions::{self, Temperatures};
+use crate::record::known::Known;
 use drift::Fitter;
 use noise::Noise;
 use record::Kept;
@@ -44,11 +48,14 @@ pub struct Options {
     /// Linear calibration whose sensitivities give the results in nT as well, with its file.
     #[serde(skip)]
     pub cpf: Option<(Input, Sensitivities)>,
+    /// Effects that are known: taken off the samples before anything is made of them.
+    #[serde(skip)]
+    pub model: Option<Known>,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { order: 1, cpf: None }
+        Self { order: 1, cpf: None, model: None }
     }
 }
 
@@ -65,6 +72,8 @@ pub struct Null {
     pub temperatures: Temperatures,
     /// Extent of the raw data.
     pub samples: Option<Vec<envelope::Column>>,
+    /// Known effects that were taken off the samples.
+    pub model: Option<ModelApplied>,
     /// What a person should know.
     pub notes: Vec<Note>,
 }
@@ -133,7 +142,7 @@ pub fn null(run: &Run, record: Record, instructions: &Instructions, options: &Op
         together,
         stop,
     };
-    let mut result = Null { found, rows, channels, temperatures, samples: None, notes };
+    let mut result = Null { found, rows, channels, temperatures, samples: None, model: None, notes };
     if let Some((input, sensitivities)) = &options.cpf {
         result.scale(&input.path, sensitivities);
     }

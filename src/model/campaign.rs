@@ -86,6 +86,8 @@ pub struct SlopeBounds {
     pub sigma_per_k: Option<f64>,
     /// Of angles between the sensor axes, degrees/K.
     pub xi_deg_per_k: Option<f64>,
+    /// Of offsets, enT/K.
+    pub offset_ent_per_k: Option<f64>,
 }
 
 /// The largest slope of a sensitivity in the report of a calibration of a fluxgate, nT/enT/K (BC-MAG-TR-0085, section 12: 9.93e-4).
@@ -94,22 +96,23 @@ pub const LARGEST_SIGMA_PER_K: f64 = 1e-3;
 pub const LARGEST_XI_DEG_PER_K: f64 = 1.5e-3;
 
 impl SlopeBounds {
-    /// What is stated, and for the rest the largest slopes that are published of fluxgates.
+    /// What is stated, and for sensitivities and angles else the largest slopes that are published of fluxgates.
     #[must_use]
     pub fn or_published(self) -> Self {
         Self {
             sigma_per_k: self.sigma_per_k.or(Some(LARGEST_SIGMA_PER_K)),
             xi_deg_per_k: self.xi_deg_per_k.or(Some(LARGEST_XI_DEG_PER_K)),
+            ..self
         }
     }
 
-    /// Whether everything is stated.
+    /// Whether the slopes of sensitivities and of angles are stated.
     #[must_use]
     pub fn is_complete(&self) -> bool {
         self.sigma_per_k.is_some() && self.xi_deg_per_k.is_some()
     }
 
-    /// Whether anything is stated.
+    /// Whether the slopes of sensitivities or of angles are stated.
     #[must_use]
     pub fn is_stated(&self) -> bool {
         self.sigma_per_k.is_some() || self.xi_deg_per_k.is_some()

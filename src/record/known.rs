@@ -5,8 +5,10 @@
 
 mod added;
 pub mod in_sines;
+mod off_samples;
 
 pub use added::{Added, CHUNK};
+pub use off_samples::OffSamples;
 
 use super::prepared::{PreparedRun, Samples};
 use crate::data::error::Finding;

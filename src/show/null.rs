@@ -1,7 +1,7 @@
 //! The report of a zero-field run.
 
 use super::document::{Block, Cell, Section, Table, Text, cells};
-use super::{remarks, run_line, triple, used_file};
+use super::{known_effects, remarks, run_line, triple, used_file};
 use crate::data::units::{COMPONENTS, counted};
 use crate::data::zero_field::{ChannelDependence, DataStop, NoiseDensity, ZeroFieldFound};
 #[cfg(feature = "tables")]
@@ -17,7 +17,7 @@ const MOST_LINES: usize = 20;
 pub fn sections(null: &Null, file_name: &str) -> Vec<Section> {
     let p = &null.found;
     let r = &p.record;
-    let used = used_file(&p.run, file_name).with(format!(
+    let mut used = used_file(&p.run, file_name).with(format!(
         "{} samples from {:.1} to {:.1} s ({:.2} h) at {:.6} Hz; {} samples lost in {}, {} of them in short gaps that a straight line \
          bridges.",
         r.samples,
@@ -29,6 +29,7 @@ pub fn sections(null: &Null, file_name: &str) -> Vec<Section> {
         counted(r.gaps, "gap"),
         r.bridged
     ));
+    used.blocks.extend(null.model.as_ref().map(|model| known_effects(model).into()));
     let mut sections = vec![used, offset(p), noise(p)];
     sections.extend(lines(p));
     sections.push(allan(p));

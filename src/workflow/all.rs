@@ -1,7 +1,7 @@
 //! Every run of a campaign by the analysis of its kind, each read once.
 
 use super::kind::{RUN_KINDS, RunAnalysis, RunMade};
-use super::{Alone, Desk, Drawn, Failure, Job, Made, PerRun, RunResult, ThermalShown, read};
+use super::{Alone, Desk, Failure, Job, Made, PerRun, RunResult, ThermalShown, read};
 use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::{Finding, Severity};
@@ -16,12 +16,15 @@ use crate::files::source::hex;
 use crate::measure::compare::{self, Results, ZeroField};
 use crate::measure::lin::Lin;
 use crate::measure::null::Null;
+use crate::measure::recordings::{self, Recording};
 use crate::measure::sweep::Sweep;
 use crate::model::campaign::Instructions;
 use crate::model::facility::Facility;
 use crate::record::known::Known;
+use crate::show::Drawn;
 use crate::show::protocol::RunPart;
 use sha2::{Digest, Sha256};
+use std::collections::HashMap;
 
 /// The analyses of single runs with their options.
 pub struct Analyses(Vec<Box<dyn RunAnalysis>>);
@@ -224,7 +227,24 @@ pub fn scale_to_nt(all: &mut [Measured], desk: &Desk) -> Result<(), Finding> {
     Ok(())
 }
 
-/// What results of a campaign contradict each other in.
+/// The runs as recordings, before any analysis.
+fn recordings_of(all: &[Measured]) -> Vec<Recording> {
+    all.iter().filter_map(Measured::run).map(Recording::of).collect()
+}
+
+/// The ids of runs that are copies of parts of others, each with that of the other one.
+pub(super) fn copies(all: &[Measured]) -> HashMap<String, String> {
+    let recordings = recordings_of(all);
+    let id = |index: usize| recordings[index].id.clone();
+    recordings::copies(&recordings).into_iter().map(|copied| (id(copied.copy), id(copied.of))).collect()
+}
+
+/// The part of a run in an analysis across temperatures, which says of what it is a copy.
+pub(super) fn told_of_copies(point: CalibratedRun, copies: &HashMap<String, String>) -> CalibratedRun {
+    CalibratedRun { copy_of: copies.get(&point.run.id).cloned(), ..point }
+}
+
+/// What runs of a campaign, and results of them, contradict each other in.
 #[must_use]
 pub fn contradictions(all: &[Measured], shown: &[ThermalShown], instructions: &Instructions) -> Vec<Note> {
     let points: Vec<CalibratedRun> = all.iter().filter_map(Measured::point).collect();
@@ -233,12 +253,14 @@ pub fn contradictions(all: &[Measured], shown: &[ThermalShown], instructions: &I
         let position = one.run().and_then(|run| run.settings.first()).and_then(|setting| instructions.position(setting.position));
         Some(ZeroField { found, position })
     });
-    compare::contradictions(&Results {
+    let mut notes = recordings::told(&recordings_of(all));
+    notes.extend(compare::contradictions(&Results {
         points: &points,
         groups: shown.iter().map(|one| &one.thermal).collect(),
         sweeps: all.iter().filter_map(Measured::sweep).collect(),
         zero_fields: zero_fields.collect(),
-    })
+    }));
+    notes
 }
 
 /// Temperatures that differ by less are one: the mean of a run is known to some hundredths of a degree.

@@ -1,6 +1,9 @@
 //! Raw readings to calibrated field: parameter files and vectors in, vectors with field, uncertainty and flags out.
 
+mod course;
 mod run_vectors;
+mod statement;
+mod table_vectors;
 
 use super::Failure;
 use crate::data::apply::OffsetQuantity;
@@ -12,18 +15,18 @@ use crate::data::recipe::{Reading as Allowed, Recipe};
 use crate::data::run::{Location, Run};
 use crate::data::units::{COMPONENTS, Reading};
 use crate::files::field::read_field;
-use crate::files::output::{Folder, Pending};
+use crate::files::output::Folder;
 use crate::files::parameter::{FieldPart, HeldIn};
 use crate::files::source::digest;
-use crate::files::table::stream::{Batch, Format, Reader, Writer};
+use crate::files::table::stream::{Batch, Format, Reader, with_note};
 use crate::model::field_calibration::{CalibratedField, CalibrationError, Coefficients, FieldCalibration, Frame, MatrixForm};
 use crate::model::lag::Lag;
 use crate::record::known::{Known, OtherSensor};
 use crate::record::single_readings::{NeedsMore, SingleReadings, TakenOff};
-use crate::record::temperature_faults::jumps_of;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use statement::COLUMNS_OF_RUN;
 use std::path::{Path, PathBuf};
 
 /// What becomes of vectors outside of the ranges of the calibration.
@@ -292,41 +295,6 @@ pub struct Flagged {
     pub rows: usize,
 }
 
-/// What a file of calibrated vectors says of itself, and its statement beside it.
-#[derive(Serialize)]
-struct Statement<'a> {
-    written_by: String,
-    format: &'static str,
-    sensor: &'a str,
-    mode: &'a str,
-    frame: &'a str,
-    columns: Vec<(&'static str, &'static str)>,
-    uncertainty: &'static str,
-    not_applied: [&'static str; 2],
-    notes: Vec<String>,
-    provenance: &'a Provenance,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    counts: Option<&'a AppliedFile>,
-}
-
-/// Columns of a run; those of a table are known to the one who made it.
-const COLUMNS_OF_RUN: [(&str, &str); 4] = [
-    ("n", "counter of the sample, as in the run"),
-    (
-        "t",
-        "time of the sample, s: its counter over the sample rate, joined to the mean of the time tags; the tag itself is rounded",
-    ),
-    ("x, y, z", "reading, enT"),
-    ("t_degc", "temperature of the sensor at this time, degC"),
-];
-const COLUMNS: [(&str, &str); 3] = [
-    ("bx_nt, by_nt, bz_nt", "field, nT, in the frame stated"),
-    ("u_bx_nt, u_by_nt, u_bz_nt", "its standard uncertainty, nT"),
-    ("flags", "bits: 1 temperature outside, 65536 field outside, 131072 no temperature, 262144 no reading"),
-];
-const UNCERTAINTY: &str = "standard uncertainty, coverage factor 1, from the covariance of the coefficients; it is common to all vectors and does not fall with averaging; the noise of the readings is not in it; empty for temperatures outside of the calibration, where none is stated; for fields outside it is that of a sensor that stays linear";
-const NOT_APPLIED: [&str; 2] = ["group delay", "frequency response"];
-
 /// Vectors while they are calibrated.
 struct Work<'a> {
     applied: &'a Applied,
@@ -358,70 +326,6 @@ impl Still {
     }
 }
 
-/// Temperatures of a table in the order of their times: all of them in a short table, every second, fourth and so on in a longer one.
-struct Course {
-    /// Readings, (s, °C).
-    series: Vec<(f64, f64)>,
-    /// One row of so many is kept.
-    stride: usize,
-    /// Rows so far.
-    rows: usize,
-    /// Whether the times go on from row to row. Without times, or where they go back, the rows are no course.
-    is_ordered: bool,
-}
-
-/// Temperatures of a table that are kept.
-const MOST_KEPT: usize = 1 << 15;
-/// A column that changes more often than this, and by jumps in half of the changes, is of a temperature that is stepped, or read now and then.
-const MOST_STEPS: usize = 8;
-
-impl Course {
-    fn new() -> Self {
-        Self { series: Vec::new(), stride: 1, rows: 0, is_ordered: true }
-    }
-
-    fn take(&mut self, t_s: &[f64], degc: &[f64]) {
-        for (t_s, degc) in t_s.iter().copied().zip(degc.iter().copied()) {
-            let is_kept = self.rows.is_multiple_of(self.stride);
-            self.rows += 1;
-            if !is_kept || !t_s.is_finite() || !degc.is_finite() {
-                continue;
-            }
-            self.is_ordered &= self.series.last().is_none_or(|(before_s, _)| t_s > *before_s);
-            if !self.is_ordered {
-                return;
-            }
-            self.series.push((t_s, degc));
-            if self.series.len() >= MOST_KEPT {
-                let mut keep = false;
-                self.series.retain(|_| {
-                    keep = !keep;
-                    keep
-                });
-                self.stride *= 2;
-            }
-        }
-    }
-
-    /// What is said of jumps that no thermistor of a sensor makes.
-    fn jumps(self, column: &str) -> Option<String> {
-        if !self.is_ordered {
-            return None;
-        }
-        let changes = self.series.windows(2).filter(|pair| pair[0].1 != pair[1].1).count();
-        let jumps = jumps_of(self.series);
-        let (t_s, by_k) = jumps.iter().copied().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-        if changes > MOST_STEPS && 2 * jumps.len() >= changes {
-            return None;
-        }
-        let times = if jumps.len() == 1 { "once".to_owned() } else { format!("{} times, most", jumps.len()) };
-        Some(format!(
-            "its column `{column}` jumps {times} by {by_k:+.1} K at {t_s} s, faster than a sensor changes its temperature; the field is \
-             computed with these temperatures, correct them if they are wrong"
-        ))
-    }
-}
-
 /// Rows of which noise makes some differ.
 const LEAST_ROWS: usize = 20;
 
@@ -429,8 +333,6 @@ const FIELD: [&str; 3] = ["bx_nt", "by_nt", "bz_nt"];
 const STD: [&str; 3] = ["u_bx_nt", "u_by_nt", "u_bz_nt"];
 const FLAGS: &str = "flags";
 const TEMPERATURE: &str = "t_degc";
-/// Column of the times of a table, s.
-const TIME: &str = "t";
 
 impl<'a> Work<'a> {
     fn new(applied: &'a Applied, options: &'a ApplyOptions, data: &'a Path, source: &Source, file: &str) -> Self {
@@ -530,22 +432,6 @@ impl<'a> Work<'a> {
         let remedy = "leave such vectors out, or use --outside flag or null";
         Finding::error(&self.data.display().to_string(), rule, remedy)
     }
-
-    fn statement<'b>(&'b self, provenance: &'b Provenance, counts: Option<&'b AppliedFile>) -> Statement<'b> {
-        Statement {
-            written_by: format!("calfit {}", env!("CARGO_PKG_VERSION")),
-            format: "APPLIED",
-            sensor: &self.applied.sensor,
-            mode: &self.applied.mode,
-            frame: &self.applied.frame,
-            columns: self.of_data.iter().chain(&COLUMNS).copied().collect(),
-            uncertainty: UNCERTAINTY,
-            not_applied: NOT_APPLIED,
-            notes: self.applied.notes.iter().map(Note::to_string).collect(),
-            provenance,
-            counts,
-        }
-    }
 }
 
 /// The uncertainty of known effects beside that of the coefficients, taken as independent of it.
@@ -640,7 +526,7 @@ fn calibrated(
     let mut file = folder.create(&name)?;
     let holds = match source {
         Source::Table(reader, format) => {
-            table(&mut work, reader, format, &note, &mut file)?;
+            table_vectors::table(&mut work, reader, format, &note, &mut file)?;
             "no vectors"
         }
         Source::Run(own) => {
@@ -649,6 +535,11 @@ fn calibrated(
         }
     };
     work.judge(holds)?;
+    if format == Format::Csv && !work.counts.notes.is_empty() {
+        // What the readings as a whole show is known once all of them are written.
+        let note = serde_json::to_string(&work.statement(&provenance, None)).map_err(no_form)?;
+        file = with_note(file, folder.create(&name)?, &note)?;
+    }
     file.finish()?;
     let mut text = serde_json::to_string_pretty(&work.statement(&provenance, Some(&work.counts))).map_err(no_form)?;
     text.push('\n');
@@ -670,50 +561,4 @@ pub fn stem(path: &Path) -> String {
     let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let name = name.strip_suffix(".gz").unwrap_or(&name);
     name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned()
-}
-
-/// The vectors of a table.
-fn table(work: &mut Work, mut reader: Reader, format: Format, note: &str, file: &mut Pending) -> Result<(), Finding> {
-    let (data, options) = (work.data, work.options);
-    let column = options.temperature_column.as_deref().unwrap_or(TEMPERATURE);
-    let mut course = Course::new();
-    let mut writer = Writer::new(file, format, note);
-    while let Some(mut batch) = reader.next_batch()? {
-        if !writer.has_begun()
-            && let Some(taken) = FIELD.iter().chain(&STD).chain([&FLAGS]).find(|name| batch.has(name))
-        {
-            let rule = format!("has a column `{taken}` already");
-            return Err(Finding::error(&data.display().to_string(), rule, "apply to the raw readings, or rename the column"));
-        }
-        let readings = [batch.numbers(data, "x")?, batch.numbers(data, "y")?, batch.numbers(data, "z")?];
-        let degc = match (work.options.temperature_degc, &work.options.temperature_column) {
-            (Some(degc), _) => vec![degc; batch.len()],
-            (None, Some(column)) => batch.numbers(data, column)?,
-            (None, None) if batch.has(TEMPERATURE) => batch.numbers(data, TEMPERATURE)?,
-            (None, None) => {
-                work.without_temperature(&format!("has no column `{TEMPERATURE}`"))?;
-                vec![f64::NAN; batch.len()]
-            }
-        };
-        // A column that holds no times is what it is to the one who made it.
-        if options.temperature_degc.is_none() && course.is_ordered {
-            match batch.numbers(data, TIME) {
-                Ok(t_s) => course.take(&t_s, &degc),
-                Err(_) => course.is_ordered = false,
-            }
-        }
-        // The temperature that stands beside a field is the one that it was computed with.
-        if let (Some(used), true) = (work.options.temperature_degc, batch.has(TEMPERATURE)) {
-            if !writer.has_begun() {
-                work.counts.notes.push(format!(
-                    "its column `{TEMPERATURE}` was not used: the field is that at the {used} °C of --temperature, which the result has in this column"
-                ));
-            }
-            batch.push(TEMPERATURE, degc.clone())?;
-        }
-        work.calibrate(&mut batch, &readings, &degc)?;
-        writer.write(&batch)?;
-    }
-    work.counts.notes.extend(course.jumps(column));
-    writer.finish()
 }

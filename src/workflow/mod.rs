@@ -20,6 +20,7 @@ mod lin;
 mod linearise;
 mod null;
 mod offset;
+mod publish;
 mod renew;
 mod results;
 mod settle;
@@ -45,6 +46,9 @@ pub use import::{Import, ImportedRun};
 pub use kind::{RUN_KINDS, RunKind, RunMade};
 pub use like::{OwnParameters, own_parameters};
 pub use linearise::{First, LinearisedView, Refitted, by_sensor_and_mode, linearisation, linearise_group};
+#[cfg(feature = "tables")]
+pub use publish::publish_table;
+pub use publish::{Outcome, draw, parameter_text, publish, table_names};
 pub use renew::{Renewed, renew};
 pub use results::{Left, Results};
 pub use settle::{Alone, alone, refer, settle};
@@ -55,31 +59,25 @@ use crate::data::across::CalibratedRun;
 use crate::data::calibration::Sensitivities;
 use crate::data::error::{Finding, Severity};
 use crate::data::exclusion::{ExcludedPart, Exclusion, Without};
-#[cfg(feature = "tables")]
-use crate::data::index::Index;
 use crate::data::note::Note;
 use crate::data::provenance::{Input, Provenance};
 use crate::data::recipe::{Reading, Recipe};
 use crate::data::result::{RowsUsed, RunHead};
 use crate::data::run::{Header, Kind, Run, VectorSink};
+use crate::data::sketch::Sketch;
 use crate::files::campaign::{Campaign, RunFile};
-#[cfg(feature = "tables")]
-use crate::files::ledger::WrittenFiles;
+use crate::files::ccr;
 use crate::files::ledger::{Origin, same_but_dates};
 use crate::files::output::Folder;
 use crate::files::parameter::Body;
-#[cfg(feature = "tables")]
-use crate::files::source::digest;
 use crate::files::source::{content_size, room_for};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
-use crate::files::{ccr, parameter};
 use crate::model::campaign::Instructions;
 use crate::model::facility::Facility;
-use crate::plot::{self, Named};
+use crate::plot::Named;
 use crate::record::known::{Known, OtherSensor};
 use crate::show::document::Section;
-use crate::show::{self, Drawn, markdown};
 use rayon::prelude::*;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -108,6 +106,14 @@ pub trait PerRun: Clone + Default + Serialize + DeserializeOwned + Send + Sync +
 
     /// A sink for a run; with `figures` it also keeps what they show of the raw data.
     fn sink(&self, figures: bool) -> Self::Sink;
+
+    /// The same for the run of a job, where something of the run must be known before its first vector.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    fn sink_of(&self, _job: &Job, desk: &Desk, _two_threads: bool) -> Result<Self::Sink, Failure> {
+        Ok(self.sink(desk.plots))
+    }
 
     /// The result of a run that was read.
     ///
@@ -448,7 +454,7 @@ fn read<S: VectorSink>(job: &Job, desk: &Desk, two_threads: bool, sink: S) -> Re
     job.unique()?;
     let id = job.header.as_ref().map_or("", |h| h.run.as_str());
     let parts = job.campaign.exclusions(id).filter(|e| e.part != ExcludedPart::Run);
-    let mut sink = Without::new(sink, parts.cloned().collect());
+    let mut sink = Without::new((sink, Sketch::default()), parts.cloned().collect());
     let mut run = ccr::read(&job.path, &desk.reading(&job.recorded, two_threads), &mut sink).map_err(Failure::Unreadable)?;
     if job.header.is_none() {
         // What is done with a run follows from its head; one that comes late would be left out of everything without a word.
@@ -459,7 +465,8 @@ fn read<S: VectorSink>(job: &Job, desk: &Desk, two_threads: bool, sink: S) -> Re
             "see to the disk, or to what writes the file, and run again",
         )));
     }
-    let sink = sink.finish(&mut run);
+    let (sink, sketch) = sink.finish(&mut run);
+    run.vectors.sketch = sketch;
     Ok((run, sink))
 }
 
@@ -469,7 +476,8 @@ fn read<S: VectorSink>(job: &Job, desk: &Desk, two_threads: bool, sink: S) -> Re
 /// The file cannot be read, or the analysis refuses it.
 pub fn make<A: PerRun>(analysis: &A, job: &Job, desk: &Desk, two_threads: bool) -> Result<Made<A::Result>, Failure> {
     room_for(&job.path, A::MEMORY_PER_BYTE.saturating_mul(content_size(&job.path))).map_err(Failure::Refused)?;
-    let (run, sink) = read(job, desk, two_threads, analysis.sink(desk.plots))?;
+    let sink = analysis.sink_of(job, desk, two_threads)?;
+    let (run, sink) = read(job, desk, two_threads, sink)?;
     is_model_of(analysis.model(), &run, job)?;
     let result = analysis
         .analyse(&run, sink, job.campaign)
@@ -491,154 +499,4 @@ fn is_model_of(model: Option<&Known>, run: &Run, job: &Job) -> Result<(), Failur
 /// What a result is made with.
 fn recipe<A: PerRun>(analysis: &A, result: &A::Result, desk: &Desk) -> Recipe {
     Recipe::new(A::ANALYSIS, &analysis.settled(result)).reading(desk.allowed_of(&result.head().id))
-}
-
-/// Draws the figures that hold data in parallel and writes them in their order.
-///
-/// # Errors
-/// A figure cannot be drawn or written.
-pub fn draw(folder: &Folder, figures: &[Named], name: impl Fn(&str) -> String + Sync) -> Result<Vec<Drawn>, Finding> {
-    let with_data = |named: &Named| Some(Named { stem: named.stem, figure: named.figure.clone().with_data()? });
-    let figures: Vec<Named> = figures.iter().filter_map(with_data).collect();
-    let pictures: Vec<Result<Vec<u8>, plot::PlotError>> = figures.par_iter().map(|named| plot::render(&named.figure)).collect();
-    figures
-        .iter()
-        .zip(pictures)
-        .map(|(named, picture)| {
-            let file = name(named.stem);
-            let shown = folder.path().join(&file).display().to_string();
-            let picture = picture.map_err(|e| Finding::error(&shown, e.to_string(), "run again with --no-plots"))?;
-            folder.write(&file, &picture)?;
-            Ok(Drawn { file, title: named.figure.title.clone(), caption: named.figure.caption.clone() })
-        })
-        .collect()
-}
-
-/// The text of a parameter file.
-///
-/// # Errors
-/// A value without a text form, which would be an error of this program.
-pub fn parameter_text<B: Body>(name: &str, body: &B, provenance: &Provenance) -> Result<String, Finding> {
-    parameter::to_text(body, provenance)
-        .map_err(|e| Finding::error(name, format!("the result has no text form: {e}"), "report this"))
-}
-
-/// Writes the results of one run into its folder, the parameter file last; returns the figures.
-///
-/// # Errors
-/// What cannot be drawn or written.
-pub fn publish<A: PerRun>(made: &Made<A::Result>, desk: &Desk, parameter_name: &str) -> Result<Vec<Drawn>, Finding> {
-    let result = &made.result;
-    let id = &result.head().id;
-    let folder = desk.folder(id, Origin::of(&made.provenance).telling(result.notes()))?;
-    folder.check(parameter_name)?;
-    let drawn = if desk.plots {
-        draw(&folder, &(A::Result::SHOWN.figures)(result), |stem| format!("{}_{stem}__{id}.png", A::STEM))?
-    } else {
-        Vec::new()
-    };
-    #[cfg(feature = "tables")]
-    for (stem, note, table) in result.tables() {
-        folder.write(&format!("{stem}__{id}.csv"), &table.csv(&note)?)?;
-    }
-    let outcome = Outcome {
-        name: parameter_name,
-        parameters: desk.parameter_text(id, parameter_name, &result.parameters(), &made.provenance)?,
-        report: format!("REPORT_{}__{id}.md", A::STEM),
-        title: format!("{}, run {id}", A::Result::TITLE),
-        notes: result.notes(),
-        sections: (A::Result::SHOWN.sections)(result, parameter_name),
-        provenance: &made.provenance,
-    };
-    outcome.write(&folder, &drawn)?;
-    Ok(drawn)
-}
-
-/// Report and parameter file of a result.
-pub struct Outcome<'a> {
-    /// Name of the parameter file.
-    pub name: &'a str,
-    /// Its text.
-    pub parameters: String,
-    /// Name of the report.
-    pub report: String,
-    /// Title of the report.
-    pub title: String,
-    /// What a person should know.
-    pub notes: &'a [Note],
-    /// Sections of the report.
-    pub sections: Vec<Section>,
-    /// Where the result comes from.
-    pub provenance: &'a Provenance,
-}
-
-impl Outcome<'_> {
-    /// Writes the report with its figures, then the parameter file: what that rests on is safe on disk before it, and its own name after
-    /// it.
-    ///
-    /// # Errors
-    /// What cannot be written.
-    pub fn write(self, folder: &Folder, drawn: &[Drawn]) -> Result<(), Finding> {
-        let figures = Drawn::number(drawn, "", &mut 0);
-        let document = show::standalone(&self.title, self.notes, self.sections, figures, self.provenance);
-        folder.write(&self.report, markdown::page(&document).as_bytes())?;
-        folder.sync()?;
-        folder.write(self.name, self.parameters.as_bytes())?;
-        folder.sync()
-    }
-}
-
-/// Writes the table of all runs of one kind, as CSV and Parquet, if the command wrote a parameter file of the kind: from all parameter files
-/// of the folder that are as the index says, where a run has two from that of its thermal group unless the other one was made again
-/// since.
-///
-/// # Errors
-/// What cannot be written; a file that is as the index says and cannot be read.
-#[cfg(feature = "tables")]
-pub fn publish_table<A: PerRun>(now: &Index, written: &WrittenFiles, desk: &Desk) -> Result<(), Finding> {
-    type Parameters<A> = <<A as PerRun>::Result as RunResult>::Parameters;
-    let is_one = |path: &str| parameter::is_named::<Parameters<A>>(std::path::Path::new(path));
-    if !written.keys().any(|path| is_one(path)) {
-        return Ok(());
-    }
-    let mut paths: Vec<&str> =
-        now.files.iter().filter(|f| f.mark.is_none() && is_one(&f.path)).map(|f| f.path.as_str()).collect();
-    let replaced: Vec<String> = paths
-        .iter()
-        .filter_map(|path| Some((*path, parameter::alone_of(path)?)))
-        .filter(|(_, alone)| paths.contains(&alone.as_str()))
-        .map(|(path, alone)| if now.is_overtaken(path) { path.to_owned() } else { alone })
-        .collect();
-    paths.retain(|path| !replaced.iter().any(|r| r == path));
-    let as_stated = |path: &&str| -> Result<Option<(String, Parameters<A>)>, Finding> {
-        let is_stated = |sha256: &str| now.file(path).is_some_and(|entry| entry.sha256 == sha256);
-        let there = desk.out.join(path);
-        match parameter::read::<Parameters<A>>(&there) {
-            Ok(file) => Ok(is_stated(&file.input.sha256).then_some((path.to_string(), file.body))),
-            // What was changed or taken away by hand is told by `verify`.
-            Err(_) if !there.exists() => Ok(None),
-            Err(finding) => match digest(&there) {
-                Ok(other) if !is_stated(&other.sha256) => Ok(None),
-                _ => Err(finding),
-            },
-        }
-    };
-    let read: Vec<Option<(String, Parameters<A>)>> = paths.iter().map(as_stated).collect::<Result<_, _>>()?;
-    let (used, rows): (Vec<String>, Vec<Parameters<A>>) = read.into_iter().flatten().unzip();
-    let Some((note, table)) = A::Result::campaign_table(&rows) else { return Ok(()) };
-    if rows.is_empty() {
-        return Ok(());
-    }
-    let origin = Origin { command: format!("calfit {}", A::COMMAND), ..Origin::default() };
-    let folder = desk.folder("", origin.using(used))?;
-    let [csv, parquet] = table_names(A::STEM);
-    folder.write(&csv, &table.csv(&format!("{}: one row per run; {note}", A::COMMAND))?)?;
-    folder.write(&parquet, &table.parquet()?)?;
-    folder.sync()
-}
-
-/// Names of the tables of all runs of one kind.
-#[must_use]
-pub fn table_names(stem: &str) -> [String; 2] {
-    ["csv", "parquet"].map(|end| format!("{stem}_PARAMETERS.{end}"))
 }

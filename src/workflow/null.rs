@@ -1,6 +1,6 @@
 //! Zero-field runs as files, figures and text.
 
-use super::{Ingredients, PerRun, Refusal, RunResult, Shown};
+use super::{Desk, Failure, Ingredients, Job, PerRun, Refusal, RunResult, Shown, read};
 use crate::data::calibration::Sensitivities;
 use crate::data::envelope::Envelope;
 use crate::data::error::Finding;
@@ -12,9 +12,11 @@ use crate::files::campaign::Campaign;
 use crate::files::parameter::{Npf, NullConvention};
 #[cfg(feature = "tables")]
 use crate::files::table::Table;
-use crate::measure::null::{Null, Options, Record, Row, null};
+use crate::measure::null::{Cleaned, Null, Options, Row, null};
+use crate::model::facility::Facility;
 use crate::plot;
 use crate::record::conditions::Temperatures;
+use crate::record::known::{Known, OffSamples};
 use crate::show;
 use serde::Serialize;
 
@@ -23,26 +25,51 @@ impl PerRun for Options {
     const COMMAND: &'static str = "null";
     const KIND: Kind = Kind::ZeroField;
     const STEM: &'static str = "NULL";
-    type Sink = (Record, Option<Envelope>);
+    const TAKES_MODEL: bool = true;
+    type Sink = (Cleaned, Option<Envelope>);
     type Result = Null;
 
     fn sink(&self, figures: bool) -> Self::Sink {
-        (Record::default(), figures.then(Envelope::default))
+        (Cleaned::default(), figures.then(Envelope::default))
     }
 
-    fn analyse(&self, run: &Run, (record, envelope): Self::Sink, campaign: &Campaign) -> Result<Null, Refusal> {
+    fn sink_of(&self, job: &Job, desk: &Desk, two_threads: bool) -> Result<Self::Sink, Failure> {
+        let (plain, envelope) = self.sink(desk.plots);
+        let Some(known) = &self.model else { return Ok((plain, envelope)) };
+        // Channels and temperatures stand behind the samples in the file, and what they say belongs into the samples.
+        let (run, ()) = read(job, desk, two_threads, ())?;
+        let mut notes = Vec::new();
+        let effects = OffSamples::new(known, &run, &job.campaign.file.instructions, &mut notes);
+        Ok((Cleaned::without(effects, notes), envelope))
+    }
+
+    fn analyse(&self, run: &Run, (cleaned, envelope): Self::Sink, campaign: &Campaign) -> Result<Null, Refusal> {
+        let (record, taken_off) = cleaned.finish();
         let mut result = null(run, record, &campaign.file.instructions, self)
             .map_err(|e| Refusal { rule: e.to_string(), remedy: e.remedy() })?;
         result.samples = envelope.map(|e| e.columns());
+        if let Some((model, notes)) = taken_off {
+            result.model = Some(model);
+            result.notes.extend(notes);
+        }
         Ok(result)
     }
 
     fn inputs(&self) -> Vec<Input> {
-        self.cpf.iter().map(|(input, _)| input.clone()).collect()
+        let model = self.model.iter().map(|m| m.input.clone());
+        self.cpf.iter().map(|(input, _)| input.clone()).chain(model).collect()
+    }
+
+    fn model(&self) -> Option<&Known> {
+        self.model.as_ref()
+    }
+
+    fn with_corrections(self, _facility: Option<&Facility>, model: Option<&Known>) -> Self {
+        Self { model: model.cloned(), ..self }
     }
 
     fn with_files(self, files: &Ingredients) -> Result<Self, Finding> {
-        Ok(Self { cpf: files.sensitivities()?, ..self })
+        Ok(Self { cpf: files.sensitivities()?, model: files.model()?, ..self })
     }
 }
 
@@ -72,10 +99,12 @@ impl RunResult for Null {
         &self.notes
     }
     fn parameters(&self) -> Npf {
+        let convention = NullConvention::default();
         Npf {
-            convention: NullConvention::default(),
+            convention: if self.model.is_some() { convention.without_effects() } else { convention },
             found: self.found.clone(),
             conditions: self.temperatures.conditions.clone(),
+            model: self.model.clone(),
             told: Told::of(&self.notes),
         }
     }

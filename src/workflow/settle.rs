@@ -1,6 +1,7 @@
 //! Linear calibrations of a thermal group and its polynomials: each is made with the other until both stay (docs/mathematics.md,
 //! "Temperature").
 
+use super::all::{copies, told_of_copies};
 use super::thermal::ThermalFile;
 use super::{Desk, Made, Measured, RunResult, ThermalShown, each, recipe};
 use crate::data::across::CalibratedRun;
@@ -39,9 +40,10 @@ pub struct Alone {
 pub fn settle(measured: &mut [Measured], entries: &[ThermalEntry], orders: &[(String, usize)]) -> Option<Note> {
     let mut before: Vec<Thermal> = Vec::new();
     let mut changing: Vec<String> = Vec::new();
+    let copies = copies(measured);
     for _ in 0..MOST_ROUNDS {
-        let points: Vec<CalibratedRun> =
-            measured.iter().filter_map(Measured::lin).filter_map(|made| made.result.point()).collect();
+        let points = measured.iter().filter_map(Measured::lin).filter_map(|made| made.result.point());
+        let points: Vec<CalibratedRun> = points.map(|point| told_of_copies(point, &copies)).collect();
         let groups: Vec<RunGroup> = groups(&points, entries, orders);
         // What has no polynomials says so when they are made to be written.
         let lins: Vec<&Lin> = measured.iter().filter_map(Measured::lin).map(|made| &made.result).collect();

@@ -4,6 +4,7 @@ mod options;
 
 pub use options::ThermalOptions;
 
+use super::all::{copies, told_of_copies};
 use super::centre::Member;
 use super::{CentreMade, Desk, Failure, Measured, Outcome, PairFiles, draw, each};
 use crate::data::across::{CalibratedRun, LinearScope, RunRotations, RunValues};
@@ -61,10 +62,11 @@ impl ThermalInput {
 
     /// Takes what runs gave.
     pub fn measured(&mut self, measured: &[Measured]) {
+        let copies = copies(measured);
         for one in measured {
             let Some(point) = one.point() else { continue };
             self.inputs.extend(one.provenance().map(|p| (point.file.clone(), p.input.clone())));
-            self.points.push(point);
+            self.points.push(told_of_copies(point, &copies));
         }
     }
 
@@ -191,7 +193,9 @@ impl ThermalInput {
             let mut runs: Vec<&CalibratedRun> =
                 self.points.iter().filter(|p| p.run.location.is_centre() && of(&p.values)).filter(own).collect();
             runs.sort_by(|a, b| a.run.id.cmp(&b.run.id));
-            runs
+            // What stands in another run as well would count twice.
+            let is_counted = |p: &&CalibratedRun| !runs.iter().any(|other| p.copy_of.as_ref() == Some(&other.run.id));
+            runs.iter().copied().filter(is_counted).collect()
         };
         let mut notes = Vec::new();
         let mut member = |runs: Vec<&CalibratedRun>, near_degc: Option<f64>| {

@@ -135,7 +135,7 @@ impl<'a> Comparison<'a> {
         let log_prior = |(s, own): (&RunCandidate, &f64)| if self.is_open(s, terms) { *own } else { f64::NEG_INFINITY };
         let log_priors = self.candidates.iter().zip(&self.log_priors).map(log_prior).collect();
         let candidates: Vec<&Candidate> = self.candidates.iter().map(|s| &s.candidate).collect();
-        Scored::new(fitted, candidates, self.groups(fitted), log_priors)
+        Scored::new(fitted, candidates, self.groups(fitted), log_priors, None)
     }
 
     /// The most evident term beside others, if it is no noise.

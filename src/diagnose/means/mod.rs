@@ -260,7 +260,13 @@ impl<'a> Means<'a> {
 
     /// All candidates scored beside a model.
     pub(super) fn scored<'b>(&'b self, model: &'b MeansModel) -> Scored<'b> {
-        Scored::new(&model.fitted, self.candidates.iter().collect(), self.groups(model), self.log_priors.clone())
+        self.scored_with(model, self.groups(model))
+    }
+
+    /// The same with what the model leaves of them.
+    pub(super) fn scored_with<'b>(&'b self, model: &'b MeansModel, groups: Vec<Group>) -> Scored<'b> {
+        let trend_order = Some(self.prepared.record.trend_order);
+        Scored::new(&model.fitted, self.candidates.iter().collect(), groups, self.log_priors.clone(), trend_order)
     }
 }
 

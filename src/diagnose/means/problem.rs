@@ -197,8 +197,11 @@ impl Means<'_> {
         let white_scored = white.as_ref().map(|white| self.scored(white));
         let averaged = self.averaged(&scored, white.as_ref().zip(white_scored.as_ref()), &noises, (now, model));
         let groups = white_scored.map(|scored| scored.groups);
-        let evident = averaged.first().filter(|e| e.best_evidence > NOISE_UNKNOWN).and_then(|best| {
-            let evident = scored.evident(best.best_evidence - NOISE_UNKNOWN, Self::FALSE_ALARM, SEED)?;
+        // Whether anything is there is told by what is likeliest beside noise, and what it is by what is likeliest among effects.
+        let beside_noise = |e: &&Explanation| e.evidence - e.favour;
+        let most = averaged.iter().max_by(|a, b| beside_noise(a).total_cmp(&beside_noise(b))).map(|e| e.best_evidence);
+        let evident = averaged.first().zip(most.filter(|most| *most > NOISE_UNKNOWN)).and_then(|(best, most)| {
+            let evident = scored.evident(most - NOISE_UNKNOWN, Self::FALSE_ALARM, SEED)?;
             Some(Term {
                 candidate: self.refined(model, &self.candidates[best.best]),
                 p_global: evident.p_global,
@@ -237,7 +240,7 @@ impl Means<'_> {
         now: &[&Candidate],
         than: f64,
     ) -> Option<[Term; 2]> {
-        let scored = Scored::new(&white.fitted, self.candidates.iter().collect(), groups, self.log_priors.clone());
+        let scored = self.scored_with(white, groups);
         let is_tried = |i: &usize| {
             let candidate = &self.candidates[*i];
             !candidate.effect.is_unknown() && self.log_priors[*i].is_finite() && now.iter().all(|c| c.key != candidate.key)

@@ -71,7 +71,7 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
     let mut found: Vec<Inside> = Vec::new();
     let Some(rate_hz) = interval_s(samples).map(f64::recip) else { return found };
     let has_fields = prepared.record.has_fields();
-    let windows = &if has_fields { beside_edges(prepared, samples, known, rate_hz) } else { joined(&prepared.windows) };
+    let windows = &inside_of(prepared, samples, known, rate_hz);
     let Some(grid) = Grid::new(samples, windows, rate_hz) else { return found };
     // However long the parts are whose means are taken off, slow noise has the lowest frequencies for itself.
     let grid = if has_fields { grid } else { grid.over_rows(&prepared.windows) };
@@ -138,6 +138,21 @@ fn belongs(line_hz: f64, known: &Inside, grid: &Grid) -> bool {
         let near_hz = if is_folded { (FOLDED_WIDTHS + order) * width_hz } else { SAME_LINE * known_hz };
         (grid.seen_hz(order * known_hz) - grid.seen_hz(line_hz)).abs() < near_hz
     })
+}
+
+/// The parts of a run whose means are taken off: plateaus, or parts of a record without settings.
+fn inside_of(prepared: &PreparedRun, samples: &Samples, known: &[Inside], rate_hz: f64) -> Vec<[usize; 2]> {
+    if prepared.record.has_fields() { beside_edges(prepared, samples, known, rate_hz) } else { joined(&prepared.windows) }
+}
+
+/// Parts of a run by their first samples and those behind them, and what is left around their means, by component, enT.
+type AroundMeans = (Vec<[usize; 2]>, [Vec<f64>; 3]);
+
+/// What known signals leave of the samples around the means of such parts, and these.
+pub(super) fn left_inside(prepared: &PreparedRun, samples: &Samples, known: &[Inside]) -> Option<AroundMeans> {
+    let windows = inside_of(prepared, samples, known, interval_s(samples)?.recip());
+    let residual = around_means(prepared, samples, &windows, known);
+    Some((windows, residual))
 }
 
 /// Readings of the used samples around the means of their plateaus, without what is known already.

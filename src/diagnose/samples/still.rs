@@ -2,7 +2,9 @@
 
 use crate::data::note::{Note, NoteKind};
 use crate::data::units::COMPONENTS;
-use crate::record::prepared::Samples;
+use crate::diagnose::result::{Left, LeftLike};
+use crate::fit::statistics::{median, robust_std};
+use crate::record::prepared::{PreparedRun, Samples};
 
 /// Equal readings one after the other are no chance from so many on, and from so many times the length that all but one in a thousand of such
 /// stretches have.
@@ -10,13 +12,52 @@ const FEWEST: usize = 20;
 const LONGER: usize = 8;
 const USUAL: f64 = 0.999;
 
-/// Says where they do.
-pub fn still(samples: &Samples) -> Vec<Note> {
+/// A component that stands still.
+pub(in crate::diagnose) struct Still {
+    /// Component.
+    pub axis: usize,
+    /// First and last time, s since the run's start.
+    span_s: [f64; 2],
+    /// How far its reading is from the usual one, and the standard deviation of its readings, enT.
+    off_ent: f64,
+    std_ent: f64,
+}
+
+impl Still {
+    /// The warning about it.
+    pub fn note(&self) -> Note {
+        let name = COMPONENTS[self.axis];
+        let text = format!("component {name} is stuck {}", self.time());
+        Note::new(NoteKind::Stuck, text).about(name).with_remedy("leave this part out with --exclude, and diagnose again")
+    }
+
+    /// The same as what is left.
+    pub fn left(&self, prepared: &PreparedRun) -> Left {
+        Left {
+            place: format!("{}, {}", COMPONENTS[self.axis], self.time()),
+            rms_nt: self.off_ent * prepared.nt_per_ent[self.axis],
+            times_noise: self.off_ent / self.std_ent.max(f64::MIN_POSITIVE),
+            like: LeftLike::Still,
+        }
+    }
+
+    fn time(&self) -> String {
+        format!("from {:.1} to {:.1} s", self.span_s[0], self.span_s[1])
+    }
+}
+
+/// The components that do.
+pub(in crate::diagnose) fn still(samples: &Samples) -> Vec<Still> {
     let of_axis = |axis: usize| {
-        let [from, count] = longest(samples.reading_ent.iter().map(|reading| reading[axis]))?;
-        let name = COMPONENTS[axis];
-        let text = format!("component {name} is stuck from {:.1} to {:.1} s", samples.t_s[from], samples.t_s[from + count - 1]);
-        Some(Note::new(NoteKind::Stuck, text).about(name).with_remedy("leave this part out with --exclude, and diagnose again"))
+        let readings = || samples.reading_ent.iter().map(move |reading| reading[axis]);
+        let [from, count] = longest(readings())?;
+        let usual = median(&mut readings().collect::<Vec<f64>>());
+        Some(Still {
+            axis,
+            span_s: [samples.t_s[from], samples.t_s[from + count - 1]],
+            off_ent: (samples.reading_ent[from][axis] - usual).abs(),
+            std_ent: robust_std(readings().map(|reading| reading - usual)),
+        })
     };
     (0..3).filter_map(of_axis).collect()
 }

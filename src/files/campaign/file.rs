@@ -217,7 +217,7 @@ fn coil_channels(group: &Group) -> Result<Option<[String; 3]>, Finding> {
 }
 
 /// Quantities of `[[uncertainty]]` that are carried nowhere yet.
-const LATER: [&str; 10] = [
+const LATER: [&str; 9] = [
     "coil_constant",
     "coil_angle",
     "current_source",
@@ -227,7 +227,6 @@ const LATER: [&str; 10] = [
     "clock",
     "converter",
     "scalar_reference",
-    "slope_offset",
 ];
 
 /// `[[uncertainty]]`: how large the slopes of sensors with their temperature can be.
@@ -246,6 +245,7 @@ fn slope_bounds(root: &Group, findings: &mut Vec<Finding>) -> Result<SlopeBounds
         let (bound, unit) = match quantity.as_str() {
             "slope_sigma" => (&mut bounds.sigma_per_k, "nT/enT/K"),
             "slope_xi" => (&mut bounds.xi_deg_per_k, "deg/K"),
+            "slope_offset" => (&mut bounds.offset_ent_per_k, "enT/K"),
             other if LATER.contains(&other) => {
                 let rule = format!("of {other} is read and not used: no uncertainty in the results contains it");
                 findings
@@ -253,7 +253,8 @@ fn slope_bounds(root: &Group, findings: &mut Vec<Finding>) -> Result<SlopeBounds
                 continue;
             }
             _ => {
-                let names = ["slope_sigma", "slope_xi"].iter().chain(&LATER).copied().collect::<Vec<_>>().join(", ");
+                let names =
+                    ["slope_sigma", "slope_xi", "slope_offset"].iter().chain(&LATER).copied().collect::<Vec<_>>().join(", ");
                 return Err(group.refuse("quantity", "is none of those that can be stated", &format!("write one of {names}")));
             }
         };

@@ -36,7 +36,7 @@ const NEAR_S: f64 = 300.0;
 
 /// By how much the start of a run is later than the time that its id tells, s, where the two contradict each other. An id tells the time in UTC,
 /// or in the zone in which the start is written.
-fn later_than_id(run: &str, start: &Start) -> Option<f64> {
+pub(super) fn later_than_id(run: &str, start: &Start) -> Option<f64> {
     let seconds = |time: DateTime| Some(time.to_zoned(TimeZone::UTC).ok()?.timestamp().as_second() as f64);
     // Two digits of the year: others are names of other kinds.
     let told = time_of_id(run).filter(|_| run.find('-') == Some(2)).and_then(seconds)?;
@@ -47,7 +47,7 @@ fn later_than_id(run: &str, start: &Start) -> Option<f64> {
 }
 
 /// A length of time in words.
-fn length(seconds: f64) -> String {
+pub(super) fn length(seconds: f64) -> String {
     match seconds.abs() {
         s if s < 2.0 * 3600.0 => format!("{:.0} min", s / 60.0),
         s if s < 2.0 * 86_400.0 => format!("{:.1} h", s / 3600.0),

@@ -1,11 +1,14 @@
 //! A digital calibration certificate in the style of the schema of PTB, version 3: administrative data and results with expanded
 //! uncertainties: coverage factor 2, and more where few data tell the uncertainty. It is well-formed and in the order of the schema; it is not signed.
 
+mod conditions;
+
 use super::quantity::{Quantity, correlations, quantities};
 use super::{Exported, Options, Source};
 use crate::data::error::Finding;
 use crate::data::run::time_of_id;
 use crate::data::start::Start;
+use conditions::influence_conditions;
 use std::fmt::Write;
 
 /// The coverage factor where the uncertainty itself is known well.
@@ -59,7 +62,18 @@ fn days(source: &Source) -> [String; 2] {
 }
 
 fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String {
-    let stated = |label: &str| options.report.iter().find(|(l, _)| *l == label).map_or(NOT_STATED, |(_, text)| text.as_str());
+    let told = |label: &str| options.report.iter().find(|(l, _)| *l == label).map(|(_, text)| text.as_str());
+    let stated = |label: &str| told(label).unwrap_or(NOT_STATED);
+    // Elements that the schema has no need of stand where something is said.
+    let of_item = ["Range and firmware", "Condition of the instrument"].into_iter();
+    let state: Vec<String> = of_item.filter_map(|label| Some(format!("{label}: {}", told(label)?))).collect();
+    let state = if state.is_empty() { String::new() } else { named("description", &state.join("; ")) };
+    let maker = told("Maker of the instrument")
+        .map_or_else(String::new, |maker| format!("<dcc:manufacturer>{}</dcc:manufacturer>", named("name", maker)));
+    let checked_by = told("Checked by").map_or_else(String::new, |person| {
+        let person = named("name", person);
+        format!("<dcc:respPerson><dcc:person>{person}</dcc:person><dcc:role>checked by</dcc:role></dcc:respPerson>")
+    });
     let either =
         |a: &str, b: &str| source.text(a).or_else(|| source.text(b)).filter(|t| !t.is_empty()).unwrap_or(NOT_STATED).to_owned();
     let (tool, version) = (&options.provenance.tool, &options.provenance.tool_version);
@@ -91,7 +105,7 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
     );
     let _ = writeln!(
         out,
-        "<dcc:items><dcc:item>\n{}\n<dcc:model>{}</dcc:model>\n<dcc:identifications><dcc:identification><dcc:issuer>manufacturer</dcc:issuer>\
+        "<dcc:items><dcc:item>\n{}{state}{maker}\n<dcc:model>{}</dcc:model>\n<dcc:identifications><dcc:identification><dcc:issuer>manufacturer</dcc:issuer>\
          <dcc:value>{}</dcc:value></dcc:identification></dcc:identifications>\n</dcc:item></dcc:items>",
         named("name", &format!("magnetometer sensor {sensor}, mode {mode}")),
         escape(stated("Model")),
@@ -101,7 +115,7 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
         out,
         "<dcc:calibrationLaboratory><dcc:contact>{}<dcc:location><dcc:city>{}</dcc:city></dcc:location></dcc:contact>\
          </dcc:calibrationLaboratory>\n<dcc:respPersons><dcc:respPerson><dcc:person>{}</dcc:person><dcc:mainSigner>true</dcc:mainSigner>\
-         </dcc:respPerson></dcc:respPersons>\n<dcc:customer>{}<dcc:location><dcc:city>{NOT_STATED}</dcc:city></dcc:location></dcc:customer>",
+         </dcc:respPerson>{checked_by}</dcc:respPersons>\n<dcc:customer>{}<dcc:location><dcc:city>{NOT_STATED}</dcc:city></dcc:location></dcc:customer>",
         named("name", stated("Laboratory")),
         escape(stated("Place of the measurements")),
         named("name", stated("Responsible")),
@@ -134,10 +148,11 @@ fn certificate(source: &Source, list: &[Quantity], options: &Options) -> String 
     let _ = writeln!(
         out,
         "<dcc:measurementResults><dcc:measurementResult>\n{}\n<dcc:usedMethods><dcc:usedMethod>{}{}</dcc:usedMethod></dcc:usedMethods>\n\
-         <dcc:results>",
+         {}<dcc:results>",
         named("name", source.name()),
         named("name", &source.file.provenance.command),
-        named("description", model)
+        named("description", model),
+        influence_conditions(source)
     );
     for q in list {
         // The schema has no place for a value that was not determined.

@@ -46,7 +46,8 @@ impl fmt::Display for Unit {
 }
 
 impl Unit {
-    const fn of(base: &'static str) -> Self {
+    /// A unit by itself.
+    pub const fn of(base: &'static str) -> Self {
         Self { base, per: "", power: 0 }
     }
 
@@ -58,6 +59,8 @@ impl Unit {
             "deg" => "\\degree",
             "Hz" => "\\hertz",
             "degC" => "\\degreecelsius",
+            "K" => "\\kelvin",
+            "K/h" => "\\kelvin\\hour\\tothe{-1}",
             "V" => "\\volt",
             "ohm" => "\\ohm",
             "s" => "\\second",

@@ -5,6 +5,7 @@ use super::kind::Naming;
 use crate::data::note::Told;
 use crate::data::result::Conditions;
 use crate::data::zero_field::ZeroFieldFound;
+use crate::model::applied::ModelApplied;
 use serde::{Deserialize, Serialize};
 
 /// What the numbers mean.
@@ -31,6 +32,18 @@ impl Default for NullConvention {
     }
 }
 
+impl NullConvention {
+    /// For samples from which known effects were taken off.
+    #[must_use]
+    pub fn without_effects(self) -> Self {
+        Self {
+            drift: format!("{}; the effects of [model] were taken off B_r", self.drift),
+            uncertainty: format!("{}; that of the parameters of [model] is not included", self.uncertainty),
+            ..self
+        }
+    }
+}
+
 /// The result of a zero-field run. Values that are not determined are nan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Npf {
@@ -42,6 +55,9 @@ pub struct Npf {
     /// Temperatures during the run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conditions: Option<Conditions>,
+    /// Known effects that were taken off the samples.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub model: Option<ModelApplied>,
     /// What a person should know.
     #[serde(flatten)]
     pub told: Told,

@@ -174,7 +174,7 @@ pub fn read_point(path: &Path, findings: &mut Vec<Finding>) -> Result<(Calibrate
     };
     let RunKeys { run, conditions, values, reference } = point(&taken_out(&text, kept)).map_err(wrong)?;
     let (channel, notes) = (conditions.and_then(|c| c.sensor_channel), qualifying(&head.told, &run.id));
-    Ok((CalibratedRun { file, run, channel, values, reference, notes }, digested))
+    Ok((CalibratedRun { file, run, channel, values, reference, notes, copy_of: None }, digested))
 }
 
 /// What qualifies the values of a run.
@@ -320,6 +320,7 @@ impl From<&Cpf> for CalibratedRun {
             },
             reference: own.stated_reference(),
             notes: qualifying(&cpf.told, &own.run.id),
+            copy_of: None,
         }
     }
 }
@@ -341,6 +342,7 @@ impl From<&Opf> for CalibratedRun {
             },
             reference: None,
             notes: qualifying(&opf.told, &opf.found.run.id),
+            copy_of: None,
         }
     }
 }
@@ -361,6 +363,7 @@ impl From<&Fpf> for CalibratedRun {
             },
             reference: None,
             notes: qualifying(&fpf.told, &fpf.found.run.id),
+            copy_of: None,
         }
     }
 }

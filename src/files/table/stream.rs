@@ -540,6 +540,20 @@ impl<'a> To<'a> {
     }
 }
 
+/// The same table of CSV with another note at its head, for what is known only once its rows are written. The file that was written first vanishes.
+///
+/// # Errors
+/// What the operating system says.
+pub fn with_note(mut written: Pending, mut file: Pending, note: &str) -> Result<Pending, Finding> {
+    use std::io::Write;
+    let failed = |e: std::io::Error| Finding::error("table", e.to_string(), "check the disk");
+    let mut from = BufReader::new(File::open(written.so_far()?).map_err(failed)?);
+    from.read_until(b'\n', &mut Vec::new()).map_err(failed)?;
+    file.write_all(format!("# calfit {note}\n").as_bytes()).map_err(failed)?;
+    std::io::copy(&mut from, &mut file).map_err(failed)?;
+    Ok(file)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

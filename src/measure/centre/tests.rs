@@ -40,6 +40,7 @@ fn run(id: &str) -> CalibratedRun {
         },
         reference: None,
         notes: Vec::new(),
+        copy_of: None,
     }
 }
 

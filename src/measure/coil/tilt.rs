@@ -10,11 +10,11 @@
 use super::{ANGLES, AXES, CoilError};
 use crate::data::note::{Note, NoteKind};
 use crate::data::result::Covariance;
-use crate::fit::statistics::{chi2_tail, fisher_tail, std_of};
+use crate::fit::statistics::{chi2_tail, fisher_tail, median, std_of};
 use crate::fit::{FitError, Limits, linear};
 use crate::model::facility::FacilityParameters;
 use crate::model::facility_calibration::{SensorValues, TiltFound, TiltOrientation};
-use crate::model::position::{Class, OrientedRun, Position};
+use crate::model::position::{Class, OrientedRun, PAIRS, Position};
 use crate::model::sensor::{compose, split};
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
 use serde::{Deserialize, Serialize};
@@ -42,6 +42,10 @@ const ROUNDING: [f64; 3] = [1e-10, 1e-7, 1e-10];
 /// parameters further, so that a mounting within a few degrees takes four.
 const ROUNDS: usize = 30;
 const ROTATIONS: usize = 3;
+/// Offsets of orientations differ from those of one sensor and one facility by so many times what runs within an orientation do, and by so much, nT, where
+/// an orientation has another sign or the facility changed: 2 to 13 times and 0.5 to 3.2 nT with CH-GFZ-TR-2601, as printed and with one sign wrong.
+const FAR: f64 = 6.0;
+const LEAST_FAR_NT: f64 = 1.0;
 /// Eigenvalues of the normal matrix below this are zero: its entries are small whole numbers.
 const NULL: f64 = 1e-9;
 
@@ -344,12 +348,18 @@ pub fn tilt(
     options: &Options,
 ) -> Result<Tilt, CoilError> {
     let mut notes = Vec::new();
-    let groups = by_orientation(runs_of_sensor(runs, options, &mut notes)?);
+    let groups = by_orientation(each_once(runs_of_sensor(runs, options, &mut notes)?, &mut notes));
     // The runs of an orientation share place, mounting and state of the facility, so every orientation counts once.
     let all: Vec<Oriented> = groups.iter().map(|(position, members)| Oriented::of(*position, members)).collect();
+    let said = notes.len();
     let is_used = agreeing(&all, facility, options, &mut notes)?;
+    // Of one that does not agree and is used all the same it is known.
+    let is_told = options.keep_all && notes.len() > said;
     let own: Vec<Oriented> = all.iter().zip(&is_used).filter(|(_, used)| **used).map(|(o, _)| o.clone()).collect();
     let mut solved = solve_all(&own, facility)?;
+    if !is_told {
+        notes.extend(far_apart(&own, &solved[1], within_nt(&groups), facility));
+    }
     for (family, solved) in Class::ALL.into_iter().zip(&mut solved) {
         let kept: Matrix3<f64> = solved.unseen.iter().map(|u| u * u.transpose()).sum();
         solved.covariance += kept * additive_covariance(family, facility, stated) * kept;
@@ -396,6 +406,92 @@ pub fn tilt(
         orientation,
     };
     Ok(Tilt { found, notes })
+}
+
+/// The runs without those that stand a second time in what was named, which would count twice.
+fn each_once<'a>(runs: Vec<&'a OrientedRun>, notes: &mut Vec<Note>) -> Vec<&'a OrientedRun> {
+    let mut kept: Vec<&OrientedRun> = Vec::with_capacity(runs.len());
+    for run in runs {
+        let text = match kept.iter().copied().find(|earlier| earlier.run == run.run) {
+            Some(earlier) if earlier == run => format!("run {} stands twice and was counted once", run.run),
+            Some(_) => {
+                kept.push(run);
+                format!("run {} stands twice, with other values: both were counted", run.run)
+            }
+            None => {
+                kept.push(run);
+                continue;
+            }
+        };
+        notes.push(Note::new(NoteKind::Data, text).about(&run.run).with_remedy("take one of the two away, or correct its name"));
+    }
+    kept
+}
+
+/// How far the offsets of the runs of an orientation usually are from each other, nT; `None` where no orientation has several.
+fn within_nt(groups: &[Group]) -> Option<f64> {
+    let std = |runs: &[&OrientedRun], i: usize| {
+        let mean = runs.iter().map(|run| run.offset_nt[i]).sum::<f64>() / runs.len() as f64;
+        (runs.iter().map(|run| (run.offset_nt[i] - mean).powi(2)).sum::<f64>() / (runs.len() - 1) as f64).sqrt()
+    };
+    let several = groups.iter().filter(|(_, runs)| runs.len() > 1);
+    // The median, since one run that was measured in another field does not make the others worse.
+    let mut all: Vec<f64> = several.flat_map(|(_, runs)| (0..3).map(move |i| std(runs, i))).collect();
+    (!all.is_empty()).then(|| median(&mut all))
+}
+
+/// The same coil axes with the other signs that a sensor can have along them.
+fn other_signs(position: &Position) -> Vec<Position> {
+    let own = position.orientation();
+    let names: Vec<&str> = own.split(' ').collect();
+    let turned = |name: &str| match name.strip_prefix('-') {
+        Some(axis) => format!("+{axis}"),
+        None => format!("-{}", name.trim_start_matches('+')),
+    };
+    let of = |(a, b): &(usize, usize)| {
+        let parts = names.iter().enumerate().map(|(k, name)| if k == *a || k == *b { turned(name) } else { (*name).to_owned() });
+        Position::from_orientation(&parts.collect::<Vec<_>>().join(" ")).ok()
+    };
+    PAIRS.iter().filter_map(of).collect()
+}
+
+/// Says of offsets that are far from those of one sensor and one facility which orientation makes the difference.
+fn far_apart(own: &[Oriented], offset: &Solved, within_nt: Option<f64>, stated: &FacilityParameters) -> Option<Note> {
+    let within_nt = within_nt?;
+    let far_nt = offset.residual_std;
+    if offset.dof == 0 || far_nt.is_nan() || far_nt < LEAST_FAR_NT.max(FAR * within_nt) {
+        return None;
+    }
+    let left_nt = |orientations: &[Oriented]| {
+        let [_, left, _] = solve_all(orientations, stated).ok()?;
+        (left.dof > 0 && left.unseen.len() == offset.unseen.len()).then_some(left.residual_std)
+    };
+    let name = |index: usize| own[index].position.orientation();
+    let without = (0..own.len()).filter_map(|out| {
+        let others: Vec<Oriented> = own.iter().enumerate().filter(|(i, _)| *i != out).map(|(_, o)| o.clone()).collect();
+        Some((left_nt(&others)?, format!("without {}", name(out))))
+    });
+    let otherwise =
+        (0..own.len()).flat_map(|index| other_signs(&own[index].position).into_iter().map(move |position| (index, position)));
+    let otherwise = otherwise.filter_map(|(index, position)| {
+        let mut all = own.to_vec();
+        // The rotation that runs show is one against the orientation that they state.
+        all[index] = Oriented { position, rho: None, values: own[index].values };
+        Some((left_nt(&all)?, format!("with {} in place of {}", position.orientation(), name(index))))
+    });
+    let least = |all: Vec<(f64, String)>| all.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)).filter(|(nt, _)| *nt < far_nt);
+    let best: Vec<String> = [least(without.collect()), least(otherwise.collect())]
+        .into_iter()
+        .flatten()
+        .map(|(nt, words)| format!("{nt:.2} nT {words}"))
+        .collect();
+    let best = if best.is_empty() { String::new() } else { format!("; it is {}", best.join(", and ")) };
+    let text = format!(
+        "the offsets of the orientations scatter by {far_nt:.2} nT about those of one sensor and one facility, and by {within_nt:.2} nT within an \
+         orientation{best}"
+    );
+    let remedy = "check the signs of every orientation; a facility that changed between them looks the same";
+    Some(Note::new(NoteKind::Fit, text).with_remedy(remedy))
 }
 
 /// The runs of every orientation, in the order of their first runs.

@@ -24,7 +24,7 @@ use crate::model::sensor::{Split, SplitError, split};
 use crate::model::sensor_polynomials::{SensorChange, SensorPolynomials, change_at, response};
 use crate::record::carried;
 use crate::record::conditions::{self, Temperatures, Within};
-use found::Found;
+use found::{Found, observe};
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, SVector, Vector3};
 
 /// Times that the readings are referred to one temperature with what the last fit found; each brings the next two digits and more.
@@ -195,8 +195,9 @@ pub(super) fn refer(
         Origin::Polynomials(polynomials) => {
             let change = SensorChange::of(polynomials, moving.at_degc);
             let directions = directions(polynomials, moving.at_degc);
-            let source = SlopeSource::Polynomials(polynomials.input.path.clone());
-            held(prepared, &raw, moving, order, is_robust, change, &directions, source, polynomials.noise.as_ref())
+            // The offset follows the polynomials and what the run finds beside them, on which nothing is stated.
+            let by = Held { bounds: SlopeBounds::default(), source: SlopeSource::Polynomials(polynomials.input.path.clone()) };
+            held(prepared, &raw, moving, order, is_robust, change, &directions, &by, polynomials.noise.as_ref())
         }
         Origin::Rest(stated) => {
             let source = if stated.is_complete() { SlopeSource::Bound } else { SlopeSource::Assumed };
@@ -237,7 +238,7 @@ fn free_or_held(
             (Some(sigma), Some(xi_deg)) => {
                 let of = |k: usize| (k, vec![if k < 3 { sigma } else { xi_deg }]);
                 let directions: Vec<_> = (0..6).map(of).collect();
-                held(prepared, raw, moving, order, is_robust, SensorChange::default(), &directions, by.source.clone(), None)
+                held(prepared, raw, moving, order, is_robust, SensorChange::default(), &directions, by, None)
             }
             _ => Err(LinError::Slopes { range_k: moving.range_k() }),
         },
@@ -272,7 +273,7 @@ fn directions(polynomials: &SensorPolynomials, degc: f64) -> Vec<(usize, Vec<f64
 /// With given slopes, the uncertainty of which is carried on.
 #[expect(
     clippy::too_many_arguments,
-    reason = "the run, how it is fitted, the slopes with uncertainty and source, the noise of the group"
+    reason = "the run, how it is fitted, the slopes with uncertainty, bounds and source, the noise of the group"
 )]
 fn held(
     prepared: &mut Prepared,
@@ -282,7 +283,7 @@ fn held(
     is_robust: bool,
     change: SensorChange,
     directions: &[(usize, Vec<f64>)],
-    source: SlopeSource,
+    by: &Held,
     group: Option<&GroupNoise>,
 ) -> Result<Referred, LinError> {
     let (means, fitted, at) = settle(prepared, raw, moving, order, is_robust, 0, &mut change.clone())?;
@@ -292,14 +293,22 @@ fn held(
     let mut changes = changes_ent(directions, &at, raw, moving);
     changes.extend(changes_by_thermometer_ent(&change, &at, raw, moving));
     let carry = || carried::covariance(&changes, raw, &means.design()?);
-    let covariance = &known + carry().map_err(LinError::Fit)?;
-    let stacked = stack(&fitted.solution.coefficients);
+    let mut covariance = &known + carry().map_err(LinError::Fit)?;
+    let mut stacked = DVector::from_vec(stack(&fitted.solution.coefficients));
     let std = |quantity: usize| {
         let first = directions.iter().filter(|(q, _)| *q == quantity).map(|(_, own)| own.first().copied().unwrap_or(0.0));
         first.map(|c| c * c).sum::<f64>().sqrt()
     };
     let sensor = |from: usize| std::array::from_fn(|i| change.sensor[from + i].first().copied().unwrap_or(0.0));
     let places = Places::of(&means);
+    if let Some(std) = by.bounds.offset_ent_per_k {
+        let mut step = DVector::zeros(stacked.len());
+        for k in (0..3).filter_map(|a| places.offset_slope(a)) {
+            observe(&mut step, &mut covariance, k, stacked[k], std * std);
+        }
+        stacked += step;
+    }
+    let stacked = stacked.as_slice();
     let offset = places.of_offset(|k| stacked[k]);
     let slopes = TemperatureSlopes {
         at_degc: moving.at_degc,
@@ -312,11 +321,11 @@ fn held(
             xi_deg: std::array::from_fn(|i| std(3 + i)),
             b_or_ent: places.of_offset(|k| covariance[(k, k)].sqrt()),
         },
-        source,
+        source: by.source.clone(),
     };
     subtract_offset(prepared, moving, offset.unwrap_or_default());
-    let known = places.of_baseline(&stacked, &known).1;
-    let (stacked, covariance) = places.of_baseline(&stacked, &covariance);
+    let known = places.of_baseline(stacked, &known).1;
+    let (stacked, covariance) = places.of_baseline(stacked, &covariance);
     let widened = places.widening(&covariance, &known);
     Ok(Referred { means, fitted, noise, stacked, covariance, slopes, widened })
 }
@@ -519,10 +528,11 @@ fn free(
     let of_noise = prepared.covariance(&noise, &means, &used).map_err(|e| Open::Other(LinError::Fit(e)))?;
     let stacked = stack(&fitted.solution.coefficients);
     let places = Places::of(&means);
+    let slopes_of_offset = places.of_offset(|k| stacked[k]);
     let of = |covariance: &DMatrix<f64>| {
         let mut found = Found::of(&at, &places, covariance, change.clone()).ok_or(Open::Slopes)?;
         found.without_turns();
-        found.within(&by.bounds);
+        found.within(&by.bounds, slopes_of_offset);
         Ok(found)
     };
     // A movement of less than a kelvin tells slopes so poorly that the noise of the thermometer times them would be far more than it does.
@@ -532,7 +542,7 @@ fn free(
     let covariance = of_noise + of_thermometer().map_err(|e| Open::Other(LinError::Fit(e)))?;
     let found = of(&covariance)?;
     let probability = found.probability_of_the_highest(fitted.solution.dof);
-    let offset = places.of_offset(|k| stacked[k]).map(|o| std::array::from_fn(|a| o[a] + found.step[found.offset_slope(a)]));
+    let offset = slopes_of_offset.map(|o| std::array::from_fn(|a| o[a] + found.step[found.offset_slope(a)]));
     let slopes = found.slopes(moving, offset, by.source.clone());
     let known = found.clone().with_slopes_known().of_baseline(&stacked).1;
     let (stacked, covariance) = found.of_baseline(&stacked);
@@ -559,7 +569,7 @@ impl Referred {
             SlopeSource::Run => "the slopes were found in the run itself, which widens the uncertainties".to_owned(),
             SlopeSource::Bound => "the slopes are held by the bounds of campaign.toml".to_owned(),
             SlopeSource::Assumed => {
-                let SlopeBounds { sigma_per_k, xi_deg_per_k } = bounds.or_published();
+                let SlopeBounds { sigma_per_k, xi_deg_per_k, .. } = bounds.or_published();
                 let [sigma, xi_deg] = [sigma_per_k, xi_deg_per_k].map(Option::unwrap_or_default);
                 format!(
                     "its slopes are not known, and room for {sigma} nT/enT/K and {xi_deg} deg/K makes uncertainties up to {widened:.1} \

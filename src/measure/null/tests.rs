@@ -81,7 +81,7 @@ impl Night {
 
     fn result(&self, order: usize, reading: impl FnMut(f64) -> [f64; 3]) -> Null {
         let (record, run) = self.record(reading);
-        null(&run, record, &Instructions::default(), &Options { order, cpf: None }).unwrap()
+        null(&run, record, &Instructions::default(), &Options { order, ..Options::default() }).unwrap()
     }
 }
 

@@ -147,24 +147,30 @@ fn left_out(group: &RunGroup, kind: Kind) -> Vec<Note> {
 }
 
 /// The runs without those that are copies of another one under another id, which would count twice: no two measurements give the same temperature and
-/// the same values to the last bit.
+/// the same values to the last bit, and no reading belongs to two of them.
 fn without_copies<'a>(points: Vec<&'a CalibratedRun>, notes: &mut Vec<Note>) -> Vec<&'a CalibratedRun> {
     let mut kept: Vec<&CalibratedRun> = Vec::with_capacity(points.len());
-    for point in points {
+    for point in &points {
         let is_same = |other: &&&CalibratedRun| {
-            let degc = [other, &&point].map(|p| p.run.temperature_degc.map(f64::to_bits));
+            let degc = [other, &point].map(|p| p.run.temperature_degc.map(f64::to_bits));
             degc[0] == degc[1] && quantity::has_values_of(&other.values, &point.values)
         };
-        let Some(first) = kept.iter().find(is_same) else {
-            kept.push(point);
+        let id = &point.run.id;
+        let text = if let Some(first) = kept.iter().find(is_same) {
+            format!(
+                "run {id} was left out: its values and its temperature are those of run {} to the last digit, it is a copy of the same readings under \
+                 another id and would count twice",
+                first.run.id
+            )
+        } else if let Some(other) = point.copy_of.as_ref().filter(|other| points.iter().any(|p| p.run.id == **other)) {
+            format!(
+                "run {id} was left out: most of its readings stand in run {other} as well, both are of one recording and it would count twice"
+            )
+        } else {
+            kept.push(*point);
             continue;
         };
-        let text = format!(
-            "run {} was left out: its values and its temperature are those of run {} to the last digit, it is a copy of the same readings under another id \
-             and would count twice",
-            point.run.id, first.run.id
-        );
-        notes.push(Note::new(NoteKind::LeftOut, text).about(&point.run.id).with_remedy("take one of the two away"));
+        notes.push(Note::new(NoteKind::LeftOut, text).about(id).with_remedy("take one of the two away"));
     }
     kept
 }

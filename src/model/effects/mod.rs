@@ -293,6 +293,12 @@ pub trait Effect: Sync {
         1.0
     }
 
+    /// How many times as likely it is among other effects as beside noise, which may be the usual cause of what looks like it.
+    fn among_effects(&self, trend_order: Option<usize>) -> f64 {
+        let _ = trend_order;
+        1.0
+    }
+
     /// Whether a form belongs to the times of the run in which it was found, and holds for no other one.
     fn is_of_one_run(&self, form: &str) -> bool {
         let _ = form;

@@ -16,7 +16,7 @@ use crate::flight::assemble::assemble;
 use crate::flight::daily::{Continuity, DayEnds, Joined, continuity};
 use crate::flight::heater::HeaterClass;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// What the first pass found of a sensor and day.
@@ -34,6 +34,8 @@ pub struct CarryRow {
     pub continuity: Continuity,
     /// Names of the modes that its vectors have, with blanks between them; empty until [`Carry::find_modes`].
     pub modes: String,
+    /// A daily model acts on it, which is joined to those of other days; the other days are there so that the table has all of them.
+    pub has_model: bool,
 }
 
 /// The first pass of a mission.
@@ -64,7 +66,7 @@ impl Carry {
         if !mission.continuity {
             return Ok(Continuity::default());
         }
-        if let Some(row) = self.rows.iter().find(|row| row.sensor == sensor && row.day == day) {
+        if let Some(row) = self.rows.iter().find(|row| row.has_model && row.sensor == sensor && row.day == day) {
             return Ok(row.continuity);
         }
         let name = format!("{sensor} {}", day_name(day));
@@ -83,9 +85,9 @@ impl Carry {
     /// The day before a day whose constants begin anew, where nothing but a gap in the telemetry says so.
     #[must_use]
     pub fn broken_off(&self, mission: &Mission, sensor: &str, day: i32) -> Option<&CarryRow> {
-        let place = self.rows.iter().position(|row| row.sensor == sensor && row.day == day)?;
+        let place = self.rows.iter().position(|row| row.has_model && row.sensor == sensor && row.day == day)?;
         let row = &self.rows[place];
-        let before = self.rows[..place].last().filter(|before| before.sensor == sensor)?;
+        let before = self.rows[..place].iter().rfind(|before| before.has_model).filter(|before| before.sensor == sensor)?;
         let is_new_campaign = mission.campaigns.iter().any(|span| (before.time[1] + 1..=row.time[0]).contains(&span.from));
         (mission.continuity && row.continuity.joined.is_none() && !is_new_campaign).then_some(before)
     }
@@ -95,7 +97,8 @@ impl Carry {
     /// # Errors
     /// Why it is not the one of the day.
     pub fn is_of(&self, sensor: &str, day: i32, first: Tt2000, last: Tt2000) -> Result<(), Finding> {
-        match self.rows.iter().find(|row| row.sensor == sensor && row.day == day) {
+        // Nothing of a day without a model rests on the table.
+        match self.rows.iter().find(|row| row.has_model && row.sensor == sensor && row.day == day) {
             Some(row) if row.time != [first, last] => {
                 let rule =
                     "the table of the first pass was made of other telemetry: the first or the last vector of the day differs";
@@ -135,6 +138,22 @@ impl Carry {
             carry.unknown.extend(unknown);
         }
         Ok(carry)
+    }
+
+    /// Looks at the days that have vectors and no daily model as well, of which nothing in the levels depends.
+    ///
+    /// # Errors
+    /// What is wrong with a folder of telemetry.
+    pub fn find_others(&mut self, prepared: &Prepared) -> Result<(), Finding> {
+        let sensors = &prepared.mission.sensors;
+        let with_model = self.rows.iter().map(|row| (row.sensor.clone(), row.day));
+        let known: BTreeSet<(String, i32)> = with_model.chain(self.unknown.keys().cloned()).collect();
+        let others: Vec<Vec<CarryRow>> =
+            (0..sensors.len()).into_par_iter().map(|index| others_of(prepared, index, &known)).collect::<Result<_, Finding>>()?;
+        self.rows.extend(others.into_iter().flatten());
+        let place = |name: &str| sensors.iter().position(|sensor| sensor.name == name);
+        self.rows.sort_by_key(|row| (place(&row.sensor), row.day));
+        Ok(())
     }
 
     /// Looks at the modes of all vectors, of which nothing in the levels depends.
@@ -180,6 +199,7 @@ impl Carry {
         let slopes: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity.sum_nt_per_k[i]));
         let variances: [Vec<f64>; 3] = [0, 1, 2].map(|i| number(&|r| r.continuity.joined.map_or(0.0, |j| j.variance_nt2[i])));
         let reset: Vec<u8> = self.rows.iter().map(|row| u8::from(row.continuity.joined.is_none())).collect();
+        let has_model: Vec<u8> = self.rows.iter().map(|row| u8::from(row.has_model)).collect();
         let mut columns = vec![
             ("sensor", Column::Words(&codes, &sensors)),
             ("day", Column::Whole(&day_codes)),
@@ -194,6 +214,7 @@ impl Carry {
             COLUMNS.into_iter().zip(&s).chain(SLOPES.into_iter().zip(&slopes)).chain(VARIANCES.into_iter().zip(&variances));
         columns.extend(known.map(|(n, c)| (n, Column::Numbers(c))));
         columns.push(("reset", Column::Bytes(&reset)));
+        columns.push((HAS_MODEL, Column::Bytes(&has_model)));
         let says = vec![
             ("day".to_owned(), "days since 1970-01-01".to_owned()),
             ("first_day".to_owned(), self.rows.first().map(|row| day_name(row.day)).unwrap_or_default()),
@@ -225,7 +246,10 @@ impl Carry {
         let (sums, slopes, variances) = (three(COLUMNS)?, three(SLOPES)?, three(VARIANCES)?);
         let reset = table.whole("reset")?;
         // Tables of earlier versions have none.
-        let modes = if table.names().iter().any(|name| name == "modes") { Some(table.words("modes")?) } else { None };
+        let names = table.names();
+        let modes = if names.iter().any(|name| name == "modes") { Some(table.words("modes")?) } else { None };
+        // They had days with models alone.
+        let has_model = if names.iter().any(|name| name == HAS_MODEL) { Some(table.whole(HAS_MODEL)?) } else { None };
         let row = |i: usize| CarryRow {
             sensor: words.words[words.codes[i] as usize].clone(),
             day: i32::try_from(day[i]).unwrap_or(day_of(jiff::civil::Date::MAX)),
@@ -237,6 +261,7 @@ impl Carry {
                 joined: (reset[i] == 0).then(|| Joined { degc: t_first[i], variance_nt2: variances.each_ref().map(|c| c[i]) }),
             },
             modes: modes.as_ref().map(|modes| modes.words[modes.codes[i] as usize].clone()).unwrap_or_default(),
+            has_model: has_model.as_ref().is_none_or(|own| own[i] != 0),
         };
         let mut heater: BTreeMap<String, Vec<HeaterClass>> = BTreeMap::new();
         for line in table.says(HEATER).unwrap_or_default().lines() {
@@ -324,6 +349,7 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
             degc: found.1,
             continuity: Continuity::default(),
             modes: String::new(),
+            has_model: true,
         });
     }
     for (row, known) in rows.iter_mut().zip(continuity(&ends, mission.reset_gap_ns, &resets)) {
@@ -347,11 +373,40 @@ fn days_of(prepared: &Prepared, index: usize) -> Result<Days, Finding> {
     Ok(days)
 }
 
+/// The days of a sensor with vectors and without a daily model that is joined to others; `known` are those with one. What is wrong with a
+/// day is said when it is made.
+fn others_of(prepared: &Prepared, index: usize, known: &BTreeSet<(String, i32)>) -> Result<Vec<CarryRow>, Finding> {
+    let sensor = &prepared.mission.sensors[index];
+    let mut midnights = Midnights::new(prepared, index);
+    let mut rows = Vec::new();
+    for day in prepared.days(sensor)? {
+        // A model that cannot be read is not one that is not there: its day has none that could be told here.
+        let has_model = || prepared.mission.continuity && !matches!(prepared.daily(sensor, day), Ok(None));
+        if known.contains(&(sensor.name.clone(), day)) || has_model() {
+            continue;
+        }
+        if let Ok(Some((time, degc))) = midnights.day_ends(day) {
+            rows.push(CarryRow {
+                sensor: sensor.name.clone(),
+                day,
+                time,
+                degc,
+                continuity: Continuity::default(),
+                modes: String::new(),
+                has_model: false,
+            });
+        }
+    }
+    Ok(rows)
+}
+
 /// Whether the constants of a day do not rest on an earlier one that cannot be read: between two days that can they begin anew.
 fn begins_anew_behind(broken: i32, day: i32, resets_at: &[(Option<i32>, i32)]) -> bool {
     resets_at.iter().any(|(earlier, own)| earlier.is_some_and(|earlier| earlier > broken) && *own <= day)
 }
 
+/// Column of whether a day has a daily model that is joined to others: 1 or 0.
+const HAS_MODEL: &str = "daily_model";
 /// What the file says of the configuration that it was made of.
 const CONFIGURATION: &str = "configuration_sha256";
 /// What the file says of days whose continuity is not known: JSON, a list of sensor and day, and the reason.

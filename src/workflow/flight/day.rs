@@ -138,6 +138,12 @@ impl<'a> Context<'a> {
             let count = made.rows.contradicting;
             made.notes.push(format!("{count} vectors of {} have the quality bit of the other sensor", sensor.name));
         }
+        if made.rows.conflicts > 0 {
+            let count = made.rows.conflicts;
+            made.notes.push(format!(
+                "repeated rows with other counts than the first of their time and mode: {count}; the first was taken, and which is right is open"
+            ));
+        }
         if let Some(model) = prepared.daily(sensor, self.day)? {
             inputs.push(model.input);
             made.continuity_nt = Some(self.carry.continuity(mission, &sensor.name, self.day)?.sum_nt);

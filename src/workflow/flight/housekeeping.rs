@@ -12,7 +12,9 @@ use crate::files::table::long::{Column, LongWriter};
 use crate::files::table::series::SeriesTable;
 use crate::flight::Block;
 use crate::flight::assemble::RowCounts;
-use crate::flight::housekeeping::{common_factor, differing, field_ent, late_s, negative_v, part_apart, positive_v, reference_v};
+use crate::flight::housekeeping::{
+    common_factor, differing, field_ent, late_s, negative_v, part_apart, positive_v, reference_v, still_while_moving,
+};
 use crate::flight::made::DayMade;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -224,7 +226,18 @@ pub fn against_telemetry(prepared: &Prepared, index: usize, day: i32, blocks: &[
             found.join(", ")
         )
     });
-    unlike.into_iter().chain(late(prepared, blocks, &thermistors)).collect()
+    let still = still_while_moving(&times[3], &pairs[3]).map(|(rows, moved)| {
+        let [from, to] = [times[3][rows.start], times[3][rows.end - 1]];
+        #[expect(clippy::cast_precision_loss, reason = "differences of times within a day")]
+        let hours = (to - from) as f64 / (3600 * SECOND_NS) as f64;
+        let [from, to] = [from, to].map(|time| prepared.leap.utc(time));
+        format!(
+            "`{}` keeps one count from {from} to {to}, {hours:.1} h, while that of the housekeeping moves by {moved:.0} counts: the temperatures of the \
+             levels, and with them their fields, are wrong there",
+            sensor.thermistor_column
+        )
+    });
+    unlike.into_iter().chain(still).chain(late(prepared, blocks, &thermistors)).collect()
 }
 
 /// A note on times of the housekeeping that are not those of the telemetry, told by the thermistor that both of them have.

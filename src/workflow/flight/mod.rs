@@ -619,6 +619,7 @@ pub fn make_report(path: &Path, out: &Path, force: bool, findings: &mut Vec<Find
 pub fn make_carry(path: &Path, out: &Path, force: bool, findings: &mut Vec<Finding>) -> Result<Carry, Finding> {
     let prepared = prepare(path, findings)?;
     let mut carry = Carry::find(&prepared, true)?;
+    carry.find_others(&prepared)?;
     carry.find_modes(&prepared)?;
     let name = out.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     let parent = out.parent().filter(|p| !p.as_os_str().is_empty()).map_or(Path::new("."), |p| p);

@@ -12,7 +12,7 @@ use crate::files::flight::mission::{MeansFrame, RangeMatrix, Sensor, Span};
 use crate::files::flight::text;
 use crate::files::output::Folder;
 use crate::flight::Block;
-use crate::flight::attitude::positions_km;
+use crate::flight::attitude::{impossible_positions, positions_km};
 use crate::flight::made::DayMade;
 use crate::flight::means::Means;
 use std::borrow::Cow;
@@ -89,6 +89,7 @@ impl DayWriter<'_> {
             made.notes
                 .push(format!("{count} of {of} rows of level {} have no position: they are beyond the table", level.letter()));
         }
+        made.notes.extend(impossible_positions(&table.time, &table.km));
         self.told.set(true);
     }
 

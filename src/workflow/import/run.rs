@@ -5,7 +5,7 @@ use super::columns::{Columns, Slow};
 use super::settings::{Found, SettingsTable, from_columns};
 use crate::data::error::{Finding, Severity};
 use crate::data::run::{GivenBlock, Kind, ReadingUnit, Setting, SlowTable, Vector};
-use crate::data::units::{FieldCoil, Reading};
+use crate::data::units::{FieldCoil, Reading, counted};
 use crate::files::import::mapping::RowsAre;
 use crate::files::import::{ForeignTable, Mapping};
 
@@ -131,6 +131,17 @@ impl Source<'_> {
             let remedy =
                 "correct `sample_rate`, or set `are = \"plateaus\"` under [rows] if the rows are means; `split_gap_s` parts runs";
             return Err(Finding::error(file, rule, remedy));
+        }
+        let missing = |pair: &[(usize, usize)]| (pair[1].0, clock.n[pair[1].1] - clock.n[pair[0].1] - 1);
+        let gaps: Vec<(usize, u64)> = rows.windows(2).map(missing).filter(|(_, samples)| *samples > 0).collect();
+        if let Some((row, samples)) = gaps.first() {
+            let are = if *samples == 1 { "is" } else { "are" };
+            let mut rule = format!("{} {are} missing before this row", counted(*samples, "sample"));
+            if gaps.len() > 1 {
+                rule.push_str(&format!(", and {} in {} behind it", lost - samples, counted(gaps.len() as u64 - 1, "gap")));
+            }
+            let remedy = "see whether the recording lost them; `split_gap_s` under [run] parts runs";
+            findings.push(self.table.refuse(*row, None, &rule, remedy).weighing(Severity::Warning));
         }
         let mut remarks = vec![format!(
             "sample counter {how}; {} Hz nominal, {:.6} Hz by the times; {lost} samples lost",

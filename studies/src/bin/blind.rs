@@ -5,22 +5,23 @@
 //!     cargo run --release -p calfit-studies --bin blind -- --dump DIR --seed N [--kinds lin] [--hide cubic_nonlinearity,...] [--k 8]
 //!     cargo run --release -p calfit-studies --bin blind -- --check 200
 //!     cargo run --release -p calfit-studies --bin blind -- --names 40 [--first 0]
+//!     cargo run --release -p calfit-studies --bin blind -- --pairs 100 [--first 0]
 //!
 //! The first writes `reports/blind-study.md` and its pictures (or into `--out DIR`), again and again while it goes on, and ends early after
-//! `--minutes`; `--first` takes other draws. The others write run files with `truth.json` beside
+//! `--minutes`; `--first` takes other draws, `--again FILE` only the cases whose numbers are the first words of its lines. The others write run files with `truth.json` beside
 //! them, those of a case of a study or new ones. `--check` measures every effect and noise family with a matched filter over many draws of the noise: the mean must be the
 //! strength that was asked for, the standard deviation one. `--names` tells how often the names of effects that resemble each other can be right
-//! for someone who knows noise, axes and forms, and how often they are.
+//! for someone who knows noise, axes and forms, and how often they are; `--pairs` the same of two effects in one linearity run.
 
 use calfit::files::ccr::{Decimals, Section, Writer};
 use calfit::model::position::Position;
 use calfit_studies::blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
 use calfit_studies::blind::noise::{Family, Random};
 use calfit_studies::blind::sensor::Kind;
-use calfit_studies::blind::{self, Options, effects, names, picture, report, score};
+use calfit_studies::blind::{self, Options, effects, names, pairs, picture, report, score};
 use calfit_studies::repository;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -29,8 +30,10 @@ type Failure = Box<dyn std::error::Error>;
 
 /// `--name value` pairs.
 fn arguments() -> Result<BTreeMap<String, String>, Failure> {
-    const KNOWN: [&str; 13] =
-        ["null", "effects", "first", "kinds", "out", "dump", "case", "seed", "hide", "k", "check", "names", "minutes"];
+    const KNOWN: [&str; 15] = [
+        "null", "effects", "first", "kinds", "out", "dump", "case", "seed", "hide", "k", "check", "names", "pairs", "minutes",
+        "again",
+    ];
     let mut given = BTreeMap::new();
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
@@ -83,6 +86,15 @@ fn main() -> Result<(), Failure> {
     if given.contains_key("names") {
         print!("{}", names::table(first, number("names", 40)?));
         return Ok(());
+    }
+    if given.contains_key("pairs") {
+        print!("{}", pairs::table(first, number("pairs", 100)?));
+        return Ok(());
+    }
+    if let Some(path) = given.get("again") {
+        let text = fs::read_to_string(path)?;
+        let wanted: BTreeSet<u64> = text.lines().filter_map(|line| line.split_whitespace().next()?.parse().ok()).collect();
+        cases.retain(|case| wanted.contains(&case.seed));
     }
     let minutes = number("minutes", u64::MAX)?;
     let begin = Instant::now();

@@ -1,7 +1,7 @@
 //! What could be found at all: the candidates of the diagnosis beside the model of the run, weighed with a covariance that only the
 //! generator has. Nothing of the diagnosis' own noise enters.
 
-use super::noise::{Family, Noise, Random, Whitener};
+use super::noise::{Cell, Family, Noise, Random, Whitener};
 use super::sensor::Kind;
 use super::{Blind, kinds};
 use calfit::diagnose::means::Means;
@@ -35,11 +35,11 @@ pub struct Ideal {
 }
 
 /// Means of a run, whitened, beside the run's own parameters.
-struct White {
+pub(super) struct White {
     whiteners: [Whitener; 3],
     /// Orthonormal base of the run's own parameters.
     bases: [DMatrix<f64>; 3],
-    residual: DVector<f64>,
+    pub(super) residual: DVector<f64>,
     /// Restricted, up to a constant.
     log_likelihood: f64,
 }
@@ -54,7 +54,7 @@ fn whitened(whitener: &Whitener, columns: &DMatrix<f64>) -> DMatrix<f64> {
 }
 
 impl White {
-    fn new(noise: &Noise, blind: &Blind, prepared: &PreparedRun, cells: &[super::noise::Cell]) -> Self {
+    pub(super) fn new(noise: &Noise, blind: &Blind, prepared: &PreparedRun, cells: &[Cell]) -> Self {
         let whiteners = [0, 1, 2].map(|i| Whitener::new(noise, &blind.clean_runs[0], i, cells));
         let n = cells.len();
         let mut residual = DVector::zeros(3 * n);
@@ -72,8 +72,8 @@ impl White {
         Self { whiteners, bases, residual, log_likelihood }
     }
 
-    /// Logarithm of the evidence of columns, component after component; minus infinity where the run's own parameters absorb them.
-    fn evidence(&self, stacked: &DMatrix<f64>) -> f64 {
+    /// What the run's own parameters leave of columns, component after component, whitened; none where they absorb them.
+    pub(super) fn left(&self, stacked: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         let n = self.residual.len() / 3;
         let mut left = stacked.clone();
         let mut before = 0.0;
@@ -82,24 +82,21 @@ impl White {
             before += white.norm_squared();
             left.rows_mut(i * n, n).copy_from(&(&white - &self.bases[i] * self.bases[i].tr_mul(&white)));
         }
-        if left.norm_squared() <= ABSORBED * ABSORBED * before {
-            return f64::NEG_INFINITY;
-        }
+        (left.norm_squared() > ABSORBED * ABSORBED * before).then_some(left)
+    }
+
+    /// Logarithm of the evidence of columns; minus infinity where the run's own parameters absorb them.
+    fn evidence(&self, stacked: &DMatrix<f64>) -> f64 {
+        let Some(left) = self.left(stacked) else { return f64::NEG_INFINITY };
         let base = orthonormal(&left, None, 1e-6);
         Score::known(base.tr_mul(&self.residual).norm_squared(), base.ncols()).evidence
     }
 }
 
-/// What can be found in the plateau means of a run; none where they are not what shows its effects, and in most of the sweeps.
-pub fn ideal(prepared: &PreparedRun, blind: &Blind) -> Option<Ideal> {
+/// What the diagnosis tries on the plateau means of a run, and their samples; none where they are not all looked at.
+pub(super) fn looked_at<'a>(prepared: &'a PreparedRun, blind: &Blind) -> Option<(Means<'a>, Vec<Cell>)> {
     let [cells] = kinds::plateau_cells(&blind.clean_runs).try_into().ok()?;
-    let left_out = match blind.truth.kind {
-        Kind::Frequency => true,
-        // Hundreds of rows take their time.
-        Kind::Sweep => !blind.truth.seed.is_multiple_of(SWEEPS),
-        _ => false,
-    };
-    if left_out || cells.len() != prepared.record.rows.len() {
+    if cells.len() != prepared.record.rows.len() {
         return None;
     }
     let mut means = Means::new(prepared, prepared.readings.clone(), &Catalogue::default(), Vec::new());
@@ -107,6 +104,21 @@ pub fn ideal(prepared: &PreparedRun, blind: &Blind) -> Option<Ideal> {
         // These are found in the samples.
         means.leave_out(|c| c.effect.acts_in(Acts::Samples));
     }
+    Some((means, cells))
+}
+
+/// What can be found in the plateau means of a run; none where they are not what shows its effects, and in most of the sweeps.
+pub fn ideal(prepared: &PreparedRun, blind: &Blind) -> Option<Ideal> {
+    let left_out = match blind.truth.kind {
+        Kind::Frequency => true,
+        // Hundreds of rows take their time.
+        Kind::Sweep => !blind.truth.seed.is_multiple_of(SWEEPS),
+        _ => false,
+    };
+    if left_out {
+        return None;
+    }
+    let (means, cells) = looked_at(prepared, blind)?;
     let truth = White::new(&blind.truth.noise, blind, prepared, &cells);
     let usable: Vec<usize> = (0..means.candidates.len()).filter(|c| means.log_priors[*c].is_finite()).collect();
     let of = |white: &White, c: usize| white.evidence(&means.candidates[c].columns);

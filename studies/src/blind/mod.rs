@@ -9,6 +9,7 @@
 //! * `kinds`: strength of an effect, and run sets in memory
 //! * `ideal`: what could be found by someone who knows the noise, or the distribution from which it is drawn
 //! * `names`: how often one of two effects that resemble each other can be named rightly at all
+//! * `pairs`: how often two effects can both be named at all
 //! * `poles`: how well one pole and two poles in the field could be distinguished
 //! * `judge`: the call of the diagnosis
 //! * `score`: from verdicts to counts; `report` and `picture`: from counts to tables and figures
@@ -21,6 +22,7 @@ pub mod judge;
 pub mod kinds;
 pub mod names;
 pub mod noise;
+pub mod pairs;
 pub mod picture;
 pub mod poles;
 pub mod programme;

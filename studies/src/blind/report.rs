@@ -164,6 +164,17 @@ fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
     row(text, "first name right in the diagnosis, %", strengths, |k| {
         share(k, &|p| p.said.is_some(), &|p| p.said.as_ref() == Some(&p.effect))
     });
+    let runs = || score.ideal.values().flatten();
+    let per_run = |wrong: usize| wrong as f64 / runs().count() as f64;
+    let by_lottery = runs().filter(|p| p.ideal.drawn.evidence > drawn && p.ideal.drawn.effect != p.effect).count();
+    let by_diagnosis = runs().filter(|p| p.said.as_ref().is_some_and(|said| *said != p.effect)).count();
+    let _ = writeln!(
+        text,
+        "\nWrong first names per run: {:.3} with the lottery of the noise, {:.3} in the diagnosis, of {} runs.",
+        per_run(by_lottery),
+        per_run(by_diagnosis),
+        runs().count()
+    );
     let _ = writeln!(
         text,
         "\nOne pole or two poles in a part of the field, weighed by someone who knows from where the generator draws their frequencies: right \
@@ -294,6 +305,14 @@ fn targets(text: &mut String, score: &Score) {
     for (name, cover) in [("one effect", score.interval), ("two effects", score.interval_two)] {
         let off = if cover.of == 0 { f64::NAN } else { (cover.percent() - 95.0).abs() };
         line(&format!("intervals of 95 % of amplitudes, {name}: distance from 95 %"), 1.5, false, off, counted(cover), " %");
+    }
+    if further > 0.0 {
+        let _ = writeln!(
+            text,
+            "\nWrong terms that name the hidden effect beside them as one that they may be taken for: {:.0} % of {}.",
+            score.further_in_set.percent(),
+            score.further_in_set.of
+        );
     }
 }
 

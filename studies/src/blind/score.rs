@@ -358,6 +358,8 @@ pub struct Score {
     pub two_by_kind: BTreeMap<(Kind, u64), Share>,
     pub two_apart: BTreeMap<u64, Share>,
     pub further_terms: Vec<f64>,
+    /// Of the wrong terms, those that are named beside a hidden effect that they may be taken for.
+    pub further_in_set: Share,
     pub outside_wrong: BTreeMap<u64, Share>,
     pub outside_covariate: BTreeMap<u64, Share>,
     pub outside_found: BTreeMap<u64, Share>,
@@ -471,7 +473,11 @@ impl Score {
             self.is_wrong.add(step.confident && !right);
         }
         if matches!(case.purpose, Purpose::One | Purpose::Two) {
-            self.further_terms.push(verdict.steps.iter().filter(|s| !hidden.contains(s.effect.as_str())).count() as f64);
+            let wrong: Vec<&VerdictStep> = verdict.steps.iter().filter(|s| !hidden.contains(s.effect.as_str())).collect();
+            self.further_terms.push(wrong.len() as f64);
+            for step in wrong {
+                self.further_in_set.add(step.ambiguous_with.iter().any(|name| hidden.contains(name.as_str())));
+            }
         }
         if matches!(case.purpose, Purpose::One | Purpose::Two)
             && case.options.strength_k >= 8.0

@@ -7,7 +7,7 @@ use crate::blind;
 use blind::kinds::{Measure, generate, nuisance, plateau_cells, sample_cells};
 use blind::noise::{Cell, Family, Noise, Random, Whitener};
 use blind::report::report;
-use blind::score::{Purpose, Score, Share, family, plan, run};
+use blind::score::{Purpose, Score, Share, family, plan, plan_from, run};
 use blind::sensor::{CleanRun, Kind, Sensor};
 use blind::{Amplitude, Blind, Options, Verdict, VerdictStep, effects, judge, picture, poles};
 use calfit::fit::statistics::central_median;
@@ -370,6 +370,24 @@ fn products_of_components_are_told_with_their_covariate() {
 fn slow_waves_are_drifts() {
     let wave = |b: &Blind| b.truth.effects[0].form.contains("wave");
     assert_eq!(first_names("offset_drift", Kind::ZeroField, 50.0, wave), ["offset_drift"; 4]);
+}
+
+/// A rack whose temperature goes to and fro resembles a drift that does: the drift is no rack, and the rack no drift. Cases of the study of all kinds
+/// of runs, in which the rack was named for both.
+#[test]
+fn a_drift_that_goes_to_and_fro_is_not_called_the_rack() {
+    const FIRST: u64 = 3_000_000;
+    let cases = plan_from(FIRST, 2000, 4200, &[Kind::Lin, Kind::Sweep, Kind::ZeroField, Kind::Positions, Kind::Frequency]);
+    let wanted = [(12_168_937_200_532, false), (12_168_937_198_307, true), (12_168_937_201_107, true)];
+    wanted.into_par_iter().for_each(|(seed, is_rack)| {
+        let case = cases.iter().find(|case| case.seed == seed).unwrap();
+        let blind = generate(seed, case.kind, &case.options).unwrap();
+        let hidden = |name: &str| blind.truth.effects.iter().any(|e| e.effect == name);
+        assert_eq!([hidden("offset_drift"), hidden("rack_temperature")], [!is_rack, is_rack], "{seed}");
+        let steps = judge::judge(&blind).steps;
+        let named = |name: &str| steps.iter().any(|s| s.effect == name);
+        assert_eq!([named("offset_drift"), named("rack_temperature")], [!is_rack, is_rack], "{seed}");
+    });
 }
 
 /// A thermistor that jumps is a fault of the data; nothing is made up to explain the readings with its temperatures.

@@ -2,9 +2,44 @@
 
 use super::{Parser, State, Stop};
 use crate::data::error::{Finding, Severity};
-use crate::data::run::{Run, VectorSink};
+use crate::data::run::{Header, Run, VectorSink, time_of_id};
 use crate::files::ccr::Section;
+use crate::files::ccr::header::{later_than_id, length};
+use std::ffi::OsStr;
 use std::path::Path;
+
+/// Characters of a run id that tells the start.
+const ID_LENGTH: usize = "yy-mm-dd_hh-mm-ss".len();
+/// Those of them that stand before the time of the day.
+const DAY_LENGTH: usize = "yy-mm-dd_".len();
+
+/// What the name of a run file, YY-MM-DD/hh-mm-ss.CCR, contradicts its head in: the run id, or where that tells no time the start.
+fn against_name(file: &str, header: &Header) -> Option<Finding> {
+    let text = |part: Option<&OsStr>| part.map(|part| part.to_string_lossy().into_owned()).unwrap_or_default();
+    let (stem, day) = (text(Path::new(file).file_name()), text(Path::new(file).parent().and_then(Path::file_name)));
+    let told = |of_file: &str| time_of_id(of_file).is_some() && of_file.find('-') == Some(2);
+    let of_file = stem.get(..ID_LENGTH - DAY_LENGTH).map(|time| format!("{day}_{time}")).filter(|of_file| told(of_file));
+    let run = &header.run;
+    let (rule, remedy) = if run.len() == ID_LENGTH {
+        // In another folder than that of a day the file has its time of day alone.
+        let is_same = match &of_file {
+            Some(of_file) => of_file == run,
+            None => run.get(DAY_LENGTH..).is_some_and(|time| stem.starts_with(time)),
+        };
+        if is_same {
+            return None;
+        }
+        (format!("the run id `{run}` does not go with the file name"), "outputs are named after the run id")
+    } else {
+        let later_s = later_than_id(of_file.as_ref()?, &header.start)?;
+        let which = if later_s > 0.0 { "later" } else { "earlier" };
+        (
+            format!("`start` is {}, {} {which} than the file name tells", header.start, length(later_s)),
+            "correct the wrong one of the two: the periods of the facility and the order of the runs follow `start`",
+        )
+    };
+    Some(Finding::error(file, rule, remedy).weighing(Severity::Warning))
+}
 
 impl<S: VectorSink> Parser<'_, S> {
     /// What stands after the last line end: nothing, `@END`, or a cut line.
@@ -118,20 +153,7 @@ impl<S: VectorSink> Parser<'_, S> {
             self.findings.push(Finding::error(file, "the file has no keys and no sections", "check that this is a run file"));
             return Err(self.findings);
         };
-        if !file.ends_with(&format!("{}.CCR", header.run.replace('_', "/"))) && header.run.len() == 17 {
-            let stem = Path::new(file).file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-            let time = header.run.get(9..).unwrap_or_default();
-            if !stem.starts_with(time) {
-                self.findings.push(
-                    Finding::error(
-                        file,
-                        format!("the run id `{}` does not go with the file name", header.run),
-                        "outputs are named after the run id",
-                    )
-                    .weighing(Severity::Warning),
-                );
-            }
-        }
+        self.findings.extend(against_name(file, &header));
         if self.findings.iter().any(|f| f.severity == Severity::Error) {
             return Err(self.findings);
         }
@@ -150,5 +172,44 @@ impl<S: VectorSink> Parser<'_, S> {
             findings: self.findings,
             exclusions: Vec::new(),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::run::{Kind, ReadingUnit};
+
+    fn head(run: &str, start: &str) -> Header {
+        Header {
+            run: run.to_owned(),
+            start: start.parse().unwrap(),
+            kind: Kind::Linearity,
+            configuration: String::new(),
+            sensor: String::new(),
+            mode: String::new(),
+            sample_rate_hz: 1.0,
+            unit: ReadingUnit::Ent,
+            field_source: String::new(),
+            coil_correction: None,
+            earthfield_compensation: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn file_names_go_with_the_run_id_and_the_start() {
+        let told = |file: &str, run: &str| against_name(file, &head(run, "2026-03-03T11:00:00Z")).map(|f| f.rule.to_string());
+        let id = "26-03-03_11-00-00";
+        for file in ["26-03-03/11-00-00.CCR", "/a/26-03-03/11-00-00.ccr.gz", "11-00-00.CCR", "some/folder/11-00-00.CCR"] {
+            assert_eq!(told(file, id), None, "{file}");
+        }
+        for file in ["26-03-04/11-00-00.CCR", "26-03-03/12-00-00.CCR", "folder/12-00-00.CCR", "26-03-03/run.CCR"] {
+            assert_eq!(told(file, id), Some(format!("the run id `{id}` does not go with the file name")), "{file}");
+        }
+        // An id that tells no time.
+        assert_eq!(told("26-03-03/11-00-00.CCR", "RUN_7"), None);
+        assert_eq!(told("runs/7.CCR", "RUN_7"), None);
+        let later = "`start` is 2026-03-03T11:00:00Z, 60 min later than the file name tells";
+        assert_eq!(told("26-03-03/10-00-00.CCR", "RUN_7").as_deref(), Some(later));
     }
 }

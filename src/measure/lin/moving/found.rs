@@ -9,6 +9,18 @@ use crate::model::sensor::Split;
 use crate::model::sensor_polynomials::SensorChange;
 use nalgebra::{DMatrix, DVector, SMatrix};
 
+/// Takes that a parameter, which has a value and a step of it that is known now, is zero within a variance.
+pub(super) fn observe(step: &mut DVector<f64>, covariance: &mut DMatrix<f64>, index: usize, value: f64, variance: f64) {
+    let column = covariance.column(index).into_owned();
+    let total = column[index] + variance;
+    if total <= 0.0 {
+        return;
+    }
+    let innovation = -(value + step[index]);
+    *step += &column * (innovation / total);
+    *covariance -= &column * column.transpose() / total;
+}
+
 /// What a fit found with powers of the temperature, as parameters of the sensor: for every power, the zeroth first, three sensitivities,
 /// three angles and a turn; then the trends of the components, then the slopes of their offsets.
 #[derive(Clone)]
@@ -64,14 +76,7 @@ impl<'a> Found<'a> {
 
     /// Takes that a parameter, which has a value now, is zero within a variance.
     fn observe(&mut self, index: usize, value: f64, variance: f64) {
-        let column = self.covariance.column(index).into_owned();
-        let total = column[index] + variance;
-        if total <= 0.0 {
-            return;
-        }
-        let innovation = -(value + self.step[index]);
-        self.step += &column * (innovation / total);
-        self.covariance -= &column * column.transpose() / total;
+        observe(&mut self.step, &mut self.covariance, index, value, variance);
     }
 
     /// The sensor does not turn with its temperature.
@@ -84,8 +89,13 @@ impl<'a> Found<'a> {
         self.change.turn.clear();
     }
 
-    /// Slopes are not larger than what is stated of them lets expect.
-    pub fn within(&mut self, bounds: &SlopeBounds) {
+    /// Slopes are not larger than what is stated of them lets expect; those of the offset are what the fit found, enT/K, if it has them.
+    pub fn within(&mut self, bounds: &SlopeBounds, offset: Option<[f64; 3]>) {
+        if let (Some(std), Some(offset)) = (bounds.offset_ent_per_k, offset) {
+            for a in 0..3 {
+                self.observe(self.offset_slope(a), offset[a], std * std);
+            }
+        }
         for quantity in 0..6 {
             let bound = if quantity < 3 { bounds.sigma_per_k } else { bounds.xi_deg_per_k };
             if let Some(std) = bound {
