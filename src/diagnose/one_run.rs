@@ -8,7 +8,7 @@ use super::lag::FoundLag;
 use super::means::Means;
 use super::problem;
 use super::result::{Diagnosis, Pictures, Step};
-use super::samples::{self, Inside};
+use super::samples::{self, Coarse, Inside};
 use super::steps::{fit_into, inside_step};
 use super::{DiagnoseError, Given, Options, inside_maps, lag};
 use crate::data::note::{Note, NoteKind};
@@ -19,7 +19,7 @@ use crate::model::effects::in_samples::InSamples;
 use crate::model::effects::remanence::{self, Remanence};
 use crate::model::effects::thermal_lag::ThermalLag;
 use crate::model::effects::time_shift::{SHIFT, TimeShift};
-use crate::model::effects::{Acts, Catalogue, EffectRef, Record, Spec};
+use crate::model::effects::{Acts, Catalogue, EffectRef, MODULUS, Record, Spec};
 use crate::model::sensor_polynomials::SensorPolynomials;
 use crate::record::conditions;
 use crate::record::position::the_position;
@@ -113,6 +113,13 @@ pub(super) fn run(
     }
     let mut means = Means::new(&prepared, readings, &options.catalogue, given);
     means.leave_out(|c| is_found_elsewhere(c.effect, &prepared.record, has_lag));
+    if let Some(recorded) = recorded.filter(|_| prepared.record.has_fields()) {
+        // Settings without a field all keep the same part of a step, which stands out among the others.
+        let coarse = samples::coarse(recorded, &settings);
+        let is_coarse = |c: &Candidate| coarse.iter().any(|one| c.spec.axes.contains(&one.axis));
+        means.leave_out(|c| c.covariate.as_deref() == Some(MODULUS) && is_coarse(c));
+        notes.extend(coarse.iter().map(Coarse::note));
+    }
     for found in inside.found() {
         notes.extend(with_slow_part(&mut means, found));
     }

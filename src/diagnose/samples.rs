@@ -1,5 +1,6 @@
 //! What happens inside the plateaus: displaced edges, transients after steps, periodic signals.
 
+mod coarse;
 mod edges;
 mod end_of_range;
 mod loud;
@@ -13,6 +14,7 @@ use crate::data::plateau::{Plateau, Plateaus};
 use crate::fit::statistics::{median, robust_std};
 use crate::model::effects::{EffectRef, Record, Row, Spec};
 use crate::record::prepared::{PreparedRun, Samples};
+pub(super) use coarse::{Coarse, coarse};
 pub(super) use edges::apart;
 pub use edges::displaced;
 pub(super) use end_of_range::at_end;

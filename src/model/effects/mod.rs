@@ -48,7 +48,7 @@ mod unseen;
 
 pub use catalogue::{Catalogue, EffectRef, IdTaken, UNKNOWN};
 pub use record::{Record, Row, Thermal};
-pub use unknown::{Covariate, GAIN_WITH, TIME, columns as unknown_columns, spline};
+pub use unknown::{Covariate, GAIN_WITH, MODULUS, TIME, columns as unknown_columns, spline};
 pub use unseen::Unseen;
 
 use crate::data::run::Kind;

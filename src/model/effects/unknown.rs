@@ -18,6 +18,8 @@ pub(super) const ID: &str = "unknown";
 const PRIOR: f64 = 0.04;
 /// Components of the fields of the settings before, the last of them first.
 const HISTORY: [&str; EARLIER] = ["previous field _", "field _ two settings before", "field _ three settings before"];
+/// The modulus of the field.
+pub const MODULUS: &str = "field modulus";
 /// The covariates that belong to the times of one run.
 pub const TIME: &str = "time";
 /// How the names of covariates begin with which the gain goes.
@@ -55,7 +57,7 @@ impl Covariate {
             for (k, axis) in COMPONENTS.iter().enumerate() {
                 all.push(of(format!("field {axis}"), "nT", &|r| r.field_coil_nt[k]));
             }
-            all.push(of("field modulus".to_owned(), "nT", &Row::modulus_nt));
+            all.push(of(MODULUS.to_owned(), "nT", &Row::modulus_nt));
             for (j, k) in [(0, 1), (0, 2), (1, 2)] {
                 let name = format!("field {} times field {}", COMPONENTS[j], COMPONENTS[k]);
                 all.push(of(name, "nT^2", &|r| r.field_coil_nt[j] * r.field_coil_nt[k]));
