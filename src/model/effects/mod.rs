@@ -293,7 +293,7 @@ pub trait Effect: Sync {
         1.0
     }
 
-    /// How many times as likely it is among other effects as beside noise, which may be the usual cause of what looks like it.
+    /// How many times as likely it is among other effects as beside noise: of another one that looks like it more may be asked there.
     fn among_effects(&self, trend_order: Option<usize>) -> f64 {
         let _ = trend_order;
         1.0

@@ -72,11 +72,6 @@ impl Effect for OffsetDrift {
         if trend_order.is_some_and(|order| order >= FULL_TREND) { PRIOR } else { 1.0 }
     }
 
-    /// Where something is no noise, a temperature that goes to and fro is no likelier than a drift that does.
-    fn among_effects(&self, trend_order: Option<usize>) -> f64 {
-        1.0 / self.prior(trend_order)
-    }
-
     fn is_of_one_run(&self, _form: &str) -> bool {
         true
     }

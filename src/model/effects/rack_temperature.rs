@@ -1,6 +1,7 @@
 //! The electronics of the facility follow the temperature of their rack.
 
 use super::coil_temperature::{LAG, deviation, moving, now_and_later, scale_columns};
+use super::offset_drift::OffsetDrift;
 use super::{
     About, Acts, Column, Effect, Family, GAIN_WITH, PART_OF_THE_AMPLITUDE, Record, ShapeParameter, Spec, Unseen, one,
     singly_and_together,
@@ -41,6 +42,11 @@ impl Effect for RackTemperature {
 
     fn shape(&self) -> &'static [ShapeParameter] {
         const { &[ShapeParameter::continuous(LAG, "s")] }
+    }
+
+    /// A rack that goes to and fro is no likelier than a drift that does, of which more is asked beside noise.
+    fn among_effects(&self, trend_order: Option<usize>) -> f64 {
+        OffsetDrift.prior(trend_order)
     }
 
     fn shown_along(&self, spec: &Spec) -> Option<String> {
