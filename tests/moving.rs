@@ -268,7 +268,7 @@ fn a_bound_of_the_slope_of_the_offset_is_a_measurement_of_it() {
             assert!(moved[a].abs() < value[a].abs(), "{a}: {} {}", moved[a], value[a]);
         }
         // The offset at the stated temperature can only become more certain.
-        let [before, after] = [free, held].map(|file| three(file, "std.b_or"));
+        let [before, after] = [free, held].map(|file| three(file, "std.b_or_ent"));
         assert!((0..3).all(|a| after[a] <= before[a] * (1.0 + 1e-9)), "{before:?} {after:?}");
     };
 

@@ -378,7 +378,7 @@ fn slow_waves_are_drifts() {
 fn a_drift_that_goes_to_and_fro_is_not_called_the_rack() {
     const FIRST: u64 = 3_000_000;
     let cases = plan_from(FIRST, 2000, 4200, &[Kind::Lin, Kind::Sweep, Kind::ZeroField, Kind::Positions, Kind::Frequency]);
-    let wanted = [(12_168_937_200_532, false), (12_168_937_198_307, true), (12_168_937_201_107, true)];
+    let wanted = [(12_168_937_199_525, false), (12_168_937_198_307, true), (12_168_937_201_107, true)];
     wanted.into_par_iter().for_each(|(seed, is_rack)| {
         let case = cases.iter().find(|case| case.seed == seed).unwrap();
         let blind = generate(seed, case.kind, &case.options).unwrap();
