@@ -15,6 +15,8 @@ use serde::Serialize;
 const DRAWS: u64 = 100;
 /// One in so many sweeps is looked at.
 const SWEEPS: u64 = 4;
+/// Part of a column beside the others from which on it counts.
+pub(super) const INDEPENDENT: f64 = 1e-6;
 /// Candidates of largest evidence that are weighed with all of them.
 const PROMISING: usize = 6;
 
@@ -88,7 +90,7 @@ impl White {
     /// Logarithm of the evidence of columns; minus infinity where the run's own parameters absorb them.
     fn evidence(&self, stacked: &DMatrix<f64>) -> f64 {
         let Some(left) = self.left(stacked) else { return f64::NEG_INFINITY };
-        let base = orthonormal(&left, None, 1e-6);
+        let base = orthonormal(&left, None, INDEPENDENT);
         Score::known(base.tr_mul(&self.residual).norm_squared(), base.ncols()).evidence
     }
 }

@@ -1,7 +1,7 @@
 //! How often two effects can both be named, and nothing else: what someone names who knows the true covariance of the noise and has the
 //! candidates of the diagnosis, beside the diagnosis, in the same linearity runs.
 
-use super::ideal::{White, looked_at};
+use super::ideal::{INDEPENDENT, White, looked_at};
 use super::judge::{judge, prepared};
 use super::kinds::generate;
 use super::noise::{Family, Random};
@@ -27,8 +27,6 @@ const FALSE_ALARMS: f64 = 0.01;
 const MOST: usize = 3;
 /// Times that every name is looked at again beside the others.
 const ROUNDS: usize = 3;
-/// Part of a column beside the others from which on it counts.
-const INDEPENDENT: f64 = 1e-6;
 
 /// The candidates of the diagnosis on the means of a run, whitened with the true covariance of the noise.
 struct Known<'a> {
