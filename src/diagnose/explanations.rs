@@ -35,10 +35,16 @@ pub struct Explanation {
     pub favour: f64,
     /// Index of its best candidate.
     pub best: usize,
-    /// Evidence of the best candidate with its prior beside noise.
-    pub best_evidence: f64,
     /// Score of the best candidate.
     pub score: Score,
+}
+
+impl Explanation {
+    /// Logarithm of evidence times prior beside noise.
+    #[must_use]
+    pub fn beside_noise(&self) -> f64 {
+        self.evidence - self.favour
+    }
 }
 
 /// Evidence that is more than noise alone gives.
@@ -108,22 +114,25 @@ impl<'a> Scored<'a> {
             }
         }
         let explanation = |(key, own): (&str, Vec<(usize, f64, Score)>)| {
-            let (best, best_evidence, score) = own.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
+            let (best, _, score) = own.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
             let favour = self.candidates[best].effect.among_effects(self.trend_order).ln();
             let evidence = log_sum(own.iter().map(|(_, evidence, _)| *evidence)) + favour;
-            Some(Explanation { key: key.to_owned(), evidence, favour, best, best_evidence, score })
+            Some(Explanation { key: key.to_owned(), evidence, favour, best, score })
         };
         let mut all: Vec<Explanation> = keys.into_iter().zip(own).filter_map(explanation).collect();
         all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         all
     }
 
-    /// Whether noise alone gives so much evidence less often than `false_alarm`, simulated over all candidates at once; `None` if it does not.
+    /// Whether noise alone gives any explanation so much evidence less often than `false_alarm`, simulated over all candidates at once; `None` if
+    /// it does not.
     pub fn evident(&self, evidence: f64, false_alarm: f64, seed: u64) -> Option<Evident> {
         let usable: Vec<usize> = (0..self.candidates.len()).filter(|i| self.is_open(*i) && self.groups[*i].count() > 0).collect();
         let tried: Vec<&Group> = usable.iter().map(|i| &self.groups[*i]).collect();
         let priors: Vec<f64> = usable.iter().map(|i| self.log_priors[*i]).collect();
-        let maxima = self.fitted.simulate(&tried, &priors, seed);
+        let key = |i: &usize| self.explanations.iter().position(|e| e.key == self.candidates[*i].key).unwrap_or(0);
+        let explanations: Vec<usize> = usable.iter().map(key).collect();
+        let maxima = self.fitted.simulate(&tried, &priors, &explanations, seed);
         let margin = evidence - maxima.evidence_at(false_alarm);
         (margin > 0.0).then(|| Evident { p_global: maxima.global_p(evidence), trials: usable.len(), margin })
     }
@@ -135,11 +144,12 @@ impl<'a> Scored<'a> {
 
     /// What becomes of a term whose own score beside all other terms is this one; a better term is named by its index.
     pub fn revised(&self, key: &str, own: &Score) -> Revision<usize> {
-        let (of_grid, favour) = self.explanation(key).map_or((f64::NEG_INFINITY, 0.0), |e| (e.evidence, e.favour));
-        if (of_grid - favour).max(own.evidence - SHARE) < 0.0 {
+        let (of_grid, favour) = self.explanation(key).map_or((f64::NEG_INFINITY, 0.0), |e| (e.beside_noise(), e.favour));
+        let refined = own.evidence - SHARE;
+        if of_grid.max(refined) < 0.0 {
             return Revision::Drop;
         }
-        let evidence = of_grid.max(own.evidence - SHARE);
+        let evidence = of_grid.max(refined) + favour;
         let better = self.explanations.first().filter(|b| b.evidence > evidence + SWAP && b.key != key);
         better.map_or(Revision::Keep, |b| Revision::Swap(b.best))
     }
@@ -148,8 +158,9 @@ impl<'a> Scored<'a> {
     pub fn rivals<'s>(&'s self, candidate: &'s Candidate, group: &'s Group) -> Rivals<'s> {
         let score = self.fitted.score(group);
         let own = self.explanation(&candidate.key);
+        let favour = candidate.effect.among_effects(self.trend_order).ln();
         let of_grid = own.map_or(score.evidence, |e| e.evidence);
-        let evidence = of_grid.max(score.evidence - SHARE);
+        let evidence = of_grid.max(score.evidence - SHARE + favour);
         Rivals { scored: self, candidate, group, score, evidence, least: of_grid.min(evidence) }
     }
 }

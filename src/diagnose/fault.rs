@@ -47,7 +47,7 @@ impl<'a> Side<'a> {
 
     /// The given terms and the one that the readings need most: a weak one would be chosen by noise.
     fn terms(&self) -> Vec<&Candidate> {
-        let best = self.explanations.first().filter(|e| e.best_evidence > APART);
+        let best = self.explanations.first().filter(|e| e.beside_noise() > APART);
         let mut terms = self.means.all(&[]);
         terms.extend(best.map(|e| &self.means.candidates[e.best]));
         terms
@@ -131,8 +131,8 @@ impl Weighed {
             let effect = recorded.means.candidates[e.best].effect;
             (e.key.clone(), effect, e.evidence - most - log_ratio)
         };
-        let rivals = recorded.explanations.iter().filter(|e| e.best_evidence > APART).take(RIVALS).map(rival).collect();
-        let needed = mended.explanations.first().filter(|e| e.best_evidence > APART).map(|e| e.key.clone());
+        let rivals = recorded.explanations.iter().filter(|e| e.beside_noise() > APART).take(RIVALS).map(rival).collect();
+        let needed = mended.explanations.first().filter(|e| e.beside_noise() > APART).map(|e| e.key.clone());
         Self { log_ratio, gaps, rivals, needed }
     }
 

@@ -66,7 +66,7 @@ pub(super) fn find(
     let scored = means.scored(&model);
     let best = scored.explanation(effect.as_str()).filter(|e| e.evidence >= LEAST_EVIDENCE)?;
     let rivals: Vec<&Explanation> =
-        scored.explanations.iter().filter(|e| e.key != effect.as_str() && e.best_evidence > 0.0).take(RIVALS).collect();
+        scored.explanations.iter().filter(|e| e.key != effect.as_str() && e.beside_noise() > 0.0).take(RIVALS).collect();
     let MostLikely { lag, std_s, strength } = most_likely(prepared, readings, &sensor.course)?;
     let mut lagged = prepared.clone();
     lagged.follow(lag);

@@ -302,10 +302,11 @@ impl Fitted {
         Score::of(likelihood, freedom, group.base.ncols())
     }
 
-    /// Largest evidences that noise alone gives among all groups with their prior weights (logarithms).
+    /// Largest evidences that noise alone gives among explanations: groups with their prior weights (logarithms), those of equal numbers together.
     #[must_use]
-    pub fn simulate(&self, groups: &[&Group], log_priors: &[f64], seed: u64) -> Maxima {
+    pub fn simulate(&self, groups: &[&Group], log_priors: &[f64], explanations: &[usize], seed: u64) -> Maxima {
         let n = self.residual.len();
+        let count = explanations.iter().max().map_or(0, |last| last + 1);
         let batches: Vec<usize> = (0..DRAWS / BATCH).collect();
         // Components on which a group does not act have nothing to add.
         let acts = |g: &Group, a: usize| g.cross[a].trace() > 0.0;
@@ -336,8 +337,8 @@ impl Fitted {
                     .map(|draw| {
                         let squares = self.squares(&residuals.column(draw).into_owned());
                         let mut at = [0; 3];
-                        let mut most = f64::NEG_INFINITY;
-                        for (group, prior) in groups.iter().zip(log_priors) {
+                        let mut evidences = vec![0.0; count];
+                        for ((group, prior), explanation) in groups.iter().zip(log_priors).zip(explanations) {
                             let width = group.base.ncols();
                             let own = [0, 1, 2].map(|a| {
                                 if !acts(group, a) {
@@ -346,9 +347,9 @@ impl Fitted {
                                 at[a] += width;
                                 along[a].view((at[a] - width, draw), (width, 1)).column(0).into_owned()
                             });
-                            most = most.max(self.scored(group, &own, &squares).evidence + prior);
+                            evidences[*explanation] += (self.scored(group, &own, &squares).evidence + prior).exp();
                         }
-                        most
+                        evidences.into_iter().fold(0.0, f64::max).ln()
                     })
                     .collect::<Vec<f64>>()
             })
@@ -412,5 +413,27 @@ impl Maxima {
     pub fn evidence_at(&self, p: f64) -> f64 {
         let (tail, edge, rate) = self.tail();
         edge + (tail as f64 / self.0.len() as f64 / p).ln() / rate
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An explanation that is told twice, each time with half of its prior, is the same explanation; two of which either will do are at least as likely
+    /// as the likelier one, with the prior of each.
+    #[test]
+    fn candidates_of_one_explanation_count_together() {
+        const RARE: f64 = 0.01;
+        let readings = DVector::from_fn(90, |i, _| (1.7 * i as f64).sin());
+        let fitted = Fitted::new(&readings, &DMatrix::from_element(90, 1, 1.0), [0, 30, 60, 90]);
+        let group = |turns: f64| fitted.group(&DMatrix::from_fn(90, 1, |i, _| (turns * i as f64).cos()));
+        let [first, second] = [group(0.3), group(0.7)];
+        let [half, quarter] = [0.5_f64.ln(), 0.25_f64.ln()];
+        let apart = fitted.simulate(&[&first, &second], &[half, half], &[0, 1], 1).evidence_at(RARE);
+        let twice = fitted.simulate(&[&first, &first, &second], &[quarter, quarter, half], &[0, 0, 1], 1).evidence_at(RARE);
+        assert!((twice - apart).abs() < 1e-9, "{twice} {apart}");
+        let together = fitted.simulate(&[&first, &second], &[half, half], &[0, 0], 1).evidence_at(RARE);
+        assert!(together > apart && together < apart + 2.0_f64.ln(), "{together} {apart}");
     }
 }

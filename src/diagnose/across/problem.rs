@@ -144,7 +144,7 @@ impl<'a> Comparison<'a> {
             return None;
         }
         let scored = self.scored(fitted, now);
-        let most = scored.explanations.iter().map(|e| e.best_evidence).fold(f64::NEG_INFINITY, f64::max);
+        let most = scored.explanations.iter().map(|e| e.beside_noise()).fold(f64::NEG_INFINITY, f64::max);
         let best = scored.explanations.first().filter(|_| most > HOPELESS)?;
         let evident = scored.evident(most, Self::FALSE_ALARM, SEED)?;
         Some(Term {

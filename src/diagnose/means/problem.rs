@@ -74,7 +74,7 @@ impl Problem for Means<'_> {
             Some(one) if one.candidate.effect.is_unknown() => {
                 let than = averaged
                     .first()
-                    .map_or(0.0, |best| best.score.evidence_of_any_size() + best.best_evidence - best.score.evidence);
+                    .map_or(0.0, |best| best.score.evidence_of_any_size() + best.beside_noise() - best.score.evidence);
                 Some(white.and_then(|white| pair(white, than)).map_or_else(|| vec![one], Vec::from))
             }
             Some(one) => Some(vec![one]),
@@ -198,8 +198,7 @@ impl Means<'_> {
         let averaged = self.averaged(&scored, white.as_ref().zip(white_scored.as_ref()), &noises, (now, model));
         let groups = white_scored.map(|scored| scored.groups);
         // Whether anything is there is told by what is likeliest beside noise, and what it is by what is likeliest among effects.
-        let beside_noise = |e: &&Explanation| e.evidence - e.favour;
-        let most = averaged.iter().max_by(|a, b| beside_noise(a).total_cmp(&beside_noise(b))).map(|e| e.best_evidence);
+        let most = averaged.iter().map(Explanation::beside_noise).max_by(f64::total_cmp);
         let evident = averaged.first().zip(most.filter(|most| *most > NOISE_UNKNOWN)).and_then(|(best, most)| {
             let evident = scored.evident(most - NOISE_UNKNOWN, Self::FALSE_ALARM, SEED)?;
             Some(Term {
@@ -223,7 +222,7 @@ impl Means<'_> {
             let with: Vec<&Candidate> = now.iter().copied().chain([c]).collect();
             self.look(&self.model(&with)?, &with).evident
         };
-        averaged.iter().filter(|e| e.best_evidence > 0.0).take(HIDDEN).find_map(|e| {
+        averaged.iter().filter(|e| e.beside_noise() > 0.0).take(HIDDEN).find_map(|e| {
             let second = beside(&self.refined(model, &self.candidates[e.best]))?;
             let first = beside(&second.candidate).filter(|first| first.candidate.key == e.key)?;
             Some([first, second])
@@ -368,28 +367,32 @@ impl Means<'_> {
             .par_iter()
             .map(|e| Some(self.refined(sharpest, &self.candidates[e.best])).filter(|r| r.spec != self.candidates[e.best].spec))
             .collect();
-        let scores: Vec<Vec<Score>> = noises
+        let scores: Vec<Vec<[Option<Score>; 2]>> = noises
             .par_iter()
             .map(|(noise, _)| {
                 let model = self.model_with(noise.clone(), now);
                 let score = |candidate: &Candidate| model.fitted.score(&self.group(&model, candidate));
-                let best = |(e, refined): (&Explanation, &Option<Candidate>)| {
-                    let of_grid = score(&self.candidates[e.best]);
-                    let of_shape = refined.as_ref().map(score).map(|s| Score { evidence: s.evidence - SHARE, ..s });
-                    of_shape.filter(|s| s.evidence > of_grid.evidence).unwrap_or(of_grid)
+                let of_both = |(e, refined): (&Explanation, &Option<Candidate>)| {
+                    [Some(score(&self.candidates[e.best])), refined.as_ref().map(score)]
                 };
-                chosen.iter().zip(&refined).map(best).collect()
+                chosen.iter().zip(&refined).map(of_both).collect()
             })
             .collect();
         for (k, e) in chosen.iter_mut().enumerate() {
-            let terms = noises.iter().zip(&scores).map(|((_, weight), scores)| weight + scores[k].evidence);
-            let average = log_sum(terms.clone());
-            let most = (0..noises.len()).zip(terms).max_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(i, _)| i);
+            let known = |which: usize| {
+                let of_noise = |((_, weight), scores): (&&(Noise, f64), &Vec<[Option<Score>; 2]>)| {
+                    scores[k][which].map(|score| (weight + score.evidence, score))
+                };
+                noises.iter().zip(&scores).filter_map(of_noise).collect::<Vec<_>>()
+            };
+            let [of_grid, of_shape] = [0, 1].map(known);
+            let [average, with_shape] = [&of_grid, &of_shape].map(|all| log_sum(all.iter().map(|(evidence, _)| *evidence)));
             // All candidates of the explanation gain as its best one does.
-            let gain = average - e.score.evidence;
-            e.evidence += gain;
-            e.best_evidence += gain;
-            e.score = scores[most][k];
+            let grid = e.evidence + average - e.score.evidence;
+            let shape = with_shape - SHARE + self.log_priors[e.best] + e.favour;
+            let (evidence, all) = if shape > grid { (shape, of_shape) } else { (grid, of_grid) };
+            e.evidence = evidence;
+            e.score = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or(e.score, |(_, score)| score);
         }
         chosen.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         let mut keys: Vec<String> = Vec::new();

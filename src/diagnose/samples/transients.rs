@@ -2,6 +2,7 @@
 
 use super::scatter::{Expected, Scatter};
 use super::{Inside, SIGNIFICANT, interval_s, windows_of};
+use crate::fit::NORMAL_95;
 use crate::fit::statistics::{median, two_sided_tail};
 use crate::model::effects::in_samples::{self, InSamples};
 use crate::model::effects::{Catalogue, EffectRef};
@@ -28,6 +29,8 @@ const BESIDE_STEP: f64 = 0.15;
 /// Time constants of a low-pass that every sensor has, in sample intervals: beside a transient that decays within one of them it cannot be told
 /// from that, and says nothing of what stands around the sensor.
 const OF_LOW_PASS: [f64; 3] = [0.25, 0.5, 1.0];
+/// Chi square by which a transient has to be better than that of a low-pass: 95 % of those of a low-pass are not.
+const SLOWER: f64 = NORMAL_95 * NORMAL_95;
 /// Samples beside an edge that a low-pass can reach: a step of 100 000 times the noise, a time constant of one interval.
 const MOST_BESIDE: usize = 12;
 /// Samples in which a low-pass that is no longer the clearest transient falls to a part that does not matter.
@@ -334,7 +337,12 @@ fn transient_of(
         let shown = stack.shown(&taus)?;
         Some((stack, shown))
     };
-    let is_slow = |(_, shown): &(Stack, Shown)| shown.transient.tau_s > interval_s;
+    // Slower than a low-pass, and not by chance.
+    let is_slow = |(stack, shown): &(Stack, Shown)| {
+        let Transient { tau_s, axes, chi_square, .. } = &shown.transient;
+        let low_pass = of_low_pass.iter().filter_map(|tau_s| stack.of_axes(*tau_s, axes)).map(|t| t.chi_square);
+        *tau_s > interval_s && *chi_square > low_pass.fold(0.0, f64::max) + SLOWER
+    };
     for more in 0..MOST_BESIDE {
         let beside_s = skip_s.max(interval_s) + more as f64 * interval_s;
         let found = of(beside_s)?;

@@ -47,7 +47,7 @@ impl Effect for EarthfieldLeakage {
             moving(Some(channel), VARIOMETER)?;
         }
         let mut specs = singly_and_together(OWN);
-        specs.push(Spec::new(CROSSED, &[0, 1, 2]));
+        specs.extend(singly_and_together(CROSSED));
         Ok(specs)
     }
 

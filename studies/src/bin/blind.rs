@@ -88,7 +88,7 @@ fn main() -> Result<(), Failure> {
         return Ok(());
     }
     if given.contains_key("pairs") {
-        print!("{}", pairs::table(first, number("pairs", 100)?));
+        print!("{}", pairs::table(kinds[0], first, number("pairs", 100)?));
         return Ok(());
     }
     if let Some(path) = given.get("again") {

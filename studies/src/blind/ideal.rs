@@ -10,6 +10,7 @@ use calfit::model::effects::{Acts, Catalogue};
 use calfit::record::prepared::PreparedRun;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// Draws from the generator's distribution of noise that stand for all of it.
 const DRAWS: u64 = 100;
@@ -17,7 +18,7 @@ const DRAWS: u64 = 100;
 const SWEEPS: u64 = 4;
 /// Part of a column beside the others from which on it counts.
 pub(super) const INDEPENDENT: f64 = 1e-6;
-/// Candidates of largest evidence that are weighed with all of them.
+/// Explanations of largest evidence that are weighed with all of them.
 const PROMISING: usize = 6;
 
 /// The best candidate and the logarithm of its evidence times its prior.
@@ -36,6 +37,19 @@ pub struct Ideal {
     pub drawn: Best,
 }
 
+/// An explanation: its best candidate, and the logarithm of the evidence times prior of all of them.
+#[derive(Clone, Copy)]
+struct Explained {
+    best: usize,
+    evidence: f64,
+}
+
+/// Logarithm of a sum of numbers that are given by their logarithms.
+pub(super) fn log_sum(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let most = values.clone().fold(f64::NEG_INFINITY, f64::max);
+    if most.is_finite() { most + values.map(|v| (v - most).exp()).sum::<f64>().ln() } else { most }
+}
+
 /// Means of a run, whitened, beside the run's own parameters.
 pub(super) struct White {
     whiteners: [Whitener; 3],
@@ -43,7 +57,7 @@ pub(super) struct White {
     bases: [DMatrix<f64>; 3],
     pub(super) residual: DVector<f64>,
     /// Restricted, up to a constant.
-    log_likelihood: f64,
+    pub(super) log_likelihood: f64,
 }
 
 fn whitened(whitener: &Whitener, columns: &DMatrix<f64>) -> DMatrix<f64> {
@@ -109,6 +123,16 @@ pub(super) fn looked_at<'a>(prepared: &'a PreparedRun, blind: &Blind) -> Option<
     Some((means, cells))
 }
 
+/// Means beside noise that may be any which the generator draws, the white part of it the true one.
+pub(super) fn drawn<'a>(blind: &'a Blind, prepared: &'a PreparedRun, cells: &'a [Cell]) -> impl Iterator<Item = White> + 'a {
+    (0..DRAWS).map(move |draw| {
+        let mut random = Random::new(blind.truth.seed.wrapping_add(draw), "noise of the ideal");
+        let family = Family::WITHOUT_SPIKES[random.below(Family::WITHOUT_SPIKES.len())];
+        let slow = Noise::drawn(family, &blind.clean_runs[0], &mut random).slow;
+        White::new(&Noise { slow, ..blind.truth.noise.clone() }, blind, prepared, cells)
+    })
+}
+
 /// What can be found in the plateau means of a run; none where they are not what shows its effects, and in most of the sweeps.
 pub fn ideal(prepared: &PreparedRun, blind: &Blind) -> Option<Ideal> {
     let left_out = match blind.truth.kind {
@@ -124,33 +148,40 @@ pub fn ideal(prepared: &PreparedRun, blind: &Blind) -> Option<Ideal> {
     let truth = White::new(&blind.truth.noise, blind, prepared, &cells);
     let usable: Vec<usize> = (0..means.candidates.len()).filter(|c| means.log_priors[*c].is_finite()).collect();
     let of = |white: &White, c: usize| white.evidence(&means.candidates[c].columns);
-    let mut known: Vec<(usize, f64)> = usable.iter().map(|c| (*c, of(&truth, *c) + means.log_priors[*c])).collect();
-    known.sort_by(|a, b| b.1.total_cmp(&a.1));
+    // All candidates of one key are one explanation, in which the best one stands for the others.
+    let explained = |white: &White| {
+        let mut of_key: BTreeMap<&str, Vec<(usize, f64)>> = BTreeMap::new();
+        for c in &usable {
+            of_key.entry(means.candidates[*c].key.as_str()).or_default().push((*c, of(white, *c)));
+        }
+        let explanation = |all: Vec<(usize, f64)>| {
+            let with_prior = all.iter().map(|(c, evidence)| evidence + means.log_priors[*c]);
+            let (best, _) = all.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
+            Some(Explained { best, evidence: log_sum(with_prior) })
+        };
+        let mut all: Vec<Explained> = of_key.into_values().filter_map(explanation).collect();
+        all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        all
+    };
+    let known = explained(&truth);
     // What slow noise hides shows beside white noise.
     let white = White::new(&Noise { slow: Vec::new(), ..blind.truth.noise.clone() }, blind, prepared, &cells);
-    let mut without: Vec<(usize, f64)> = usable.iter().map(|c| (*c, of(&white, *c) + means.log_priors[*c])).collect();
-    without.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let mut promising: Vec<usize> =
-        [&known, &without].into_iter().flat_map(|list| list.iter().take(PROMISING).map(|(c, _)| *c)).collect();
-    promising.sort_unstable();
-    promising.dedup();
-    let draws: Vec<(f64, Vec<f64>)> = (0..DRAWS)
-        .map(|draw| {
-            let mut random = Random::new(blind.truth.seed.wrapping_add(draw), "noise of the ideal");
-            let family = Family::WITHOUT_SPIKES[random.below(Family::WITHOUT_SPIKES.len())];
-            let slow = Noise::drawn(family, &blind.clean_runs[0], &mut random).slow;
-            let white = White::new(&Noise { slow, ..blind.truth.noise.clone() }, blind, prepared, &cells);
-            (white.log_likelihood, promising.iter().map(|c| of(&white, *c)).collect())
-        })
+    let promising: Vec<(&White, Explained)> = [&truth, &white]
+        .into_iter()
+        .zip([known.clone(), explained(&white)])
+        .flat_map(|(white, all)| all.into_iter().take(PROMISING).map(move |one| (white, one)))
+        .filter(|(_, one)| one.evidence.is_finite())
         .collect();
-    let most = draws.iter().map(|d| d.0).fold(f64::NEG_INFINITY, f64::max);
-    let total: f64 = draws.iter().map(|d| (d.0 - most).exp()).sum();
-    let averaged = promising.iter().enumerate().map(|(k, c)| {
-        let largest = draws.iter().map(|d| d.0 - most + d.1[k]).fold(f64::NEG_INFINITY, f64::max);
-        let sum: f64 = draws.iter().map(|d| (d.0 - most + d.1[k] - largest).exp()).sum();
-        (*c, largest + (sum / total).ln() + means.log_priors[*c])
+    let draws: Vec<(f64, Vec<f64>)> = drawn(blind, prepared, &cells)
+        .map(|white| (white.log_likelihood, promising.iter().map(|(_, one)| of(&white, one.best)).collect()))
+        .collect();
+    let total = log_sum(draws.iter().map(|d| d.0));
+    let averaged = promising.iter().enumerate().map(|(k, (white, one))| {
+        let average = log_sum(draws.iter().map(|d| d.0 + d.1[k])) - total;
+        (one.best, one.evidence + average - of(white, one.best))
     });
-    let drawn = averaged.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let by_lottery = averaged.max_by(|a, b| a.1.total_cmp(&b.1))?;
     let best = |(c, evidence): (usize, f64)| Best { evidence, effect: means.candidates[c].effect.to_string() };
-    Some(Ideal { known: best(*known.first()?), drawn: best(drawn) })
+    let of_all = known.first()?;
+    Some(Ideal { known: best((of_all.best, of_all.evidence)), drawn: best(by_lottery) })
 }

@@ -263,7 +263,7 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
     let mut runs = Vec::new();
     let mut means = Vec::new();
     for (index, clean) in clean_runs.iter().enumerate() {
-        let record = readings(clean, index, &hidden, noise.record(clean, &mut random), options.decoy);
+        let record = readings(clean, index, &hidden, noise.record(clean, &mut random));
         means.push(cell_means(&record, &cells[index]));
         let mut run = empty_run(clean, index);
         let changes: Vec<&Effect> = hidden.iter().map(|h| &h.effect).collect();
@@ -275,7 +275,8 @@ pub fn generate(seed: u64, kind: Kind, options: &Options) -> Result<Blind, Strin
         } else if kind == Kind::Frequency {
             as_vectors(clean, &record, &freq::lost(&options.effects, clean, seed), &mut run)
         } else {
-            as_vectors(clean, &with_low_pass(clean, record, &mut Random::new(seed, "low-pass")), &[], &mut run)
+            let record = with_low_pass(clean, record, &mut Random::new(seed, "low-pass"));
+            as_vectors(clean, &rounded(record, options.decoy, kind), &[], &mut run)
         };
         if let Some(decoy) = options.decoy {
             decoy.damage(clean, &mut run, &mut Random::new(seed, "decoy"));
@@ -418,20 +419,22 @@ fn measure_beside_each_other(hidden: &mut [Hidden], measures: &Measures) {
     second.truth.beside_other_k = strength(second, first);
 }
 
-/// Noise, field, offset and hidden effects of a run together, rounded as the instrument does.
-fn readings(clean: &CleanRun, index: usize, hidden: &[Hidden], mut record: Vec<[f64; 3]>, decoy: Option<Decoy>) -> Vec<[f64; 3]> {
-    let usual = matches!(clean.kind, Kind::Lin | Kind::Positions | Kind::ZeroField).then(|| resolution_ent(clean.kind));
-    let rounded = if decoy == Some(Decoy::Coarse) { Some(1.0) } else { usual };
+/// Noise, field, offset and hidden effects of a run together.
+fn readings(clean: &CleanRun, index: usize, hidden: &[Hidden], mut record: Vec<[f64; 3]>) -> Vec<[f64; 3]> {
     for (s, reading) in record.iter_mut().enumerate() {
         let offset = clean.offset_ent(s);
         for i in 0..3 {
             let hidden: f64 = hidden.iter().map(|h| h.contribution[index][s][i]).sum();
             reading[i] += clean.pure_ent[s][i] + offset[i] + hidden;
-            if let Some(step) = rounded {
-                reading[i] = (reading[i] / step).round() * step;
-            }
         }
     }
+    record
+}
+
+/// Readings as the instrument rounds them, after all else.
+fn rounded(mut record: Vec<[f64; 3]>, decoy: Option<Decoy>, kind: Kind) -> Vec<[f64; 3]> {
+    let step = if decoy == Some(Decoy::Coarse) { 1.0 } else { resolution_ent(kind) };
+    record.iter_mut().flatten().for_each(|reading| *reading = (*reading / step).round() * step);
     record
 }
 

@@ -1,10 +1,10 @@
-//! How often two effects can both be named, and nothing else: what someone names who knows the true covariance of the noise and has the
-//! candidates of the diagnosis, beside the diagnosis, in the same linearity runs.
+//! How often two effects can both be named, and nothing else: what someone names who has the candidates of the diagnosis and knows the true
+//! covariance of the noise, or the lottery from which it is drawn, beside the diagnosis in the same runs.
 
-use super::ideal::{INDEPENDENT, White, looked_at};
+use super::ideal::{self, INDEPENDENT, White, log_sum, looked_at};
 use super::judge::{judge, prepared};
 use super::kinds::generate;
-use super::noise::{Family, Random};
+use super::noise::{Cell, Family, Noise, Random};
 use super::programme::Programme;
 use super::score::Share;
 use super::sensor::Kind;
@@ -25,40 +25,39 @@ const OTHER_PROGRAMME: f64 = 0.6;
 const FALSE_ALARMS: f64 = 0.01;
 /// Effects that are named at most: one more than there are shows what is wrong.
 const MOST: usize = 3;
+/// Candidates of largest evidence that are weighed over the lottery, alone and beside the best one.
+const PROMISING: usize = 8;
+/// Sets to which a further candidate is added.
+const BEST_SETS: usize = 8;
 /// Times that every name is looked at again beside the others.
 const ROUNDS: usize = 3;
 
-/// The candidates of the diagnosis on the means of a run, whitened with the true covariance of the noise.
+/// The candidates of the diagnosis on the means of a run, whitened with a covariance of the noise.
 struct Known<'a> {
-    means: Means<'a>,
+    means: &'a Means<'a>,
     residual: DVector<f64>,
     /// What the run's own parameters leave of each candidate.
     left: Vec<Option<DMatrix<f64>>>,
 }
 
-/// What explains most: the effect, the logarithm of its evidence times its prior, and its best candidate.
-struct Best {
-    evidence: f64,
-    candidate: usize,
-}
+/// A candidate and the logarithm of its evidence times its prior.
+type Weighed = (f64, usize);
 
 impl<'a> Known<'a> {
-    fn of(prepared: &'a PreparedRun, blind: &Blind) -> Option<Self> {
-        let (means, cells) = looked_at(prepared, blind)?;
-        let white = White::new(&blind.truth.noise, blind, prepared, &cells);
+    fn of(means: &'a Means<'a>, white: White) -> Self {
         let usable = |c: usize| means.log_priors[c].is_finite().then(|| white.left(&means.candidates[c].columns)).flatten();
         let left = (0..means.candidates.len()).map(usable).collect();
-        Some(Self { residual: white.residual, left, means })
+        Self { residual: white.residual, left, means }
     }
 
-    /// The best explanation beside candidates that are there already: candidates of one key are one explanation.
-    fn best(&self, beside: &[usize]) -> Option<Best> {
+    /// Candidates beside those that are there already, key by key.
+    fn weighed(&self, beside: &[usize]) -> BTreeMap<&str, Vec<Weighed>> {
         let columns: Vec<DVector<f64>> =
             beside.iter().filter_map(|c| self.left[*c].as_ref()).flat_map(|l| l.column_iter().map(|c| c.into_owned())).collect();
         let taken = (!columns.is_empty()).then(|| orthonormal(&DMatrix::from_columns(&columns), None, INDEPENDENT));
         let without = |of: &DMatrix<f64>| taken.as_ref().map_or_else(|| of.clone(), |q| of - q * q.tr_mul(of));
         let residual = without(&DMatrix::from_column_slice(self.residual.len(), 1, self.residual.as_slice()));
-        let mut of_key: BTreeMap<&str, Vec<(f64, usize)>> = BTreeMap::new();
+        let mut of_key: BTreeMap<&str, Vec<Weighed>> = BTreeMap::new();
         for (c, left) in self.left.iter().enumerate() {
             let Some(left) = left else { continue };
             let own = without(left);
@@ -67,27 +66,39 @@ impl<'a> Known<'a> {
             }
             let base = orthonormal(&own, None, INDEPENDENT);
             let score = Score::known(base.tr_mul(&residual).norm_squared(), base.ncols());
-            let evidence = score.evidence + self.means.log_priors[c];
-            of_key.entry(self.means.candidates[c].key.as_str()).or_default().push((evidence, c));
+            of_key.entry(self.means.candidates[c].key.as_str()).or_default().push((score.evidence + self.means.log_priors[c], c));
         }
-        let explanation = |all: &Vec<(f64, usize)>| {
-            let (most, candidate) = all.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
-            Some(Best { evidence: most + all.iter().map(|(e, _)| (e - most).exp()).sum::<f64>().ln(), candidate })
+        of_key
+    }
+
+    /// The best explanation beside candidates that are there already: candidates of one key are one explanation, of which the best one is
+    /// returned.
+    fn best(&self, beside: &[usize]) -> Option<Weighed> {
+        let explanation = |all: &Vec<Weighed>| {
+            let (_, candidate) = all.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
+            Some((log_sum(all.iter().map(|(evidence, _)| *evidence)), candidate))
         };
-        of_key.values().filter_map(explanation).max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+        self.weighed(beside).values().filter_map(explanation).max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// The most promising candidates beside those that are there already.
+    fn promising(&self, beside: &[usize]) -> Vec<usize> {
+        let mut all: Vec<Weighed> = self.weighed(beside).into_values().flatten().collect();
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        all.into_iter().take(PROMISING).map(|(_, c)| c).collect()
     }
 
     /// Names of effects, each of at least so much evidence beside the others.
     fn names(&self, least: f64) -> BTreeSet<String> {
         let mut terms: Vec<usize> = Vec::new();
         while terms.len() < MOST {
-            let Some(best) = self.best(&terms).filter(|best| best.evidence > least) else { break };
-            terms.push(best.candidate);
+            let Some((_, best)) = self.best(&terms).filter(|(evidence, _)| *evidence > least) else { break };
+            terms.push(best);
             for _ in 0..ROUNDS {
                 let before = terms.clone();
                 for k in 0..terms.len() {
                     let others: Vec<usize> = terms.iter().enumerate().filter(|(i, _)| *i != k).map(|(_, c)| *c).collect();
-                    terms[k] = self.best(&others).map_or(terms[k], |best| best.candidate);
+                    terms[k] = self.best(&others).map_or(terms[k], |(_, best)| best);
                 }
                 if terms == before {
                     break;
@@ -98,81 +109,224 @@ impl<'a> Known<'a> {
     }
 }
 
-fn made(seed: u64, names: &[&str], strength_k: f64) -> Option<Blind> {
-    let mut random = Random::new(seed, "pairs programme");
-    let programme =
-        if random.chance(OTHER_PROGRAMME) { Programme::ALL[random.below(Programme::ALL.len())] } else { Programme::default() };
-    // Spikes are in no covariance.
-    let noise = Some(Family::WITHOUT_SPIKES[random.below(Family::WITHOUT_SPIKES.len())]);
-    let effects = names.iter().map(|name| (*name).to_owned()).collect();
-    let blind = generate(seed, Kind::Lin, &Options { effects, strength_k, programme, noise, ..Options::default() }).ok()?;
-    let is_seen = |e: &super::TrueEffect| e.identifiable && !e.seen_inside_plateaus && !e.natural_size;
-    blind.truth.effects.iter().all(is_seen).then_some(blind)
+/// Sets of up to three candidates, weighed by one who knows the white noise, and the lottery from which the generator draws the rest.
+///
+/// The candidates are the promising ones by the true covariance and by white noise, each alone and beside the best one: that he gets from one
+/// who knows even more.
+struct Lottery {
+    /// Effects of a set, and the logarithm of the evidence of all sets of them, with their priors.
+    sets: BTreeMap<BTreeSet<String>, f64>,
 }
 
-/// Two different effects that a linearity run can show.
-fn drawn(seed: u64) -> [&'static str; 2] {
-    let mut random = Random::new(seed, "pairs");
-    let names = effects::visible(Kind::Lin);
-    let first = names[random.below(names.len())];
-    loop {
-        let second = names[random.below(names.len())];
-        if second != first {
-            return [first, second];
+impl Lottery {
+    fn of(means: &Means, blind: &Blind, prepared: &PreparedRun, cells: &[Cell], known: &Known) -> Self {
+        let without = Noise { slow: Vec::new(), ..blind.truth.noise.clone() };
+        let white = Known::of(means, White::new(&without, blind, prepared, cells));
+        let both = |one: &Known| {
+            let alone = one.promising(&[]);
+            let beside = alone.first().map_or_else(Vec::new, |best| one.promising(&[*best]));
+            [alone, beside].concat()
+        };
+        let promising: Vec<usize> =
+            [both(known), both(&white)].concat().into_iter().collect::<BTreeSet<_>>().into_iter().collect();
+        let draws: Vec<(f64, Chain)> = ideal::drawn(blind, prepared, cells)
+            .map(|white| {
+                let left = promising.iter().map(|c| white.left(&means.candidates[*c].columns)).collect();
+                (white.log_likelihood, Chain { residual: white.residual, left })
+            })
+            .collect();
+        let total = log_sum(draws.iter().map(|d| d.0));
+        let key = |i: usize| means.candidates[promising[i]].key.as_str();
+        let prior = |i: &usize| means.log_priors[promising[*i]];
+        let weigh = |set: &[usize]| -> f64 {
+            let each: Vec<f64> = draws.iter().map(|(log_likelihood, chain)| log_likelihood + chain.evidence(set)).collect();
+            log_sum(each.iter().copied()) - total + set.iter().map(prior).sum::<f64>()
+        };
+        let n = promising.len();
+        let mut weighed: Vec<(f64, Vec<usize>)> = (0..n).map(|i| (weigh(&[i]), vec![i])).collect();
+        let mut last = weighed.clone();
+        for _ in 1..MOST {
+            last.sort_by(|a, b| b.0.total_cmp(&a.0));
+            last.truncate(BEST_SETS);
+            let mut longer: BTreeSet<Vec<usize>> = BTreeSet::new();
+            for (_, set) in &last {
+                for i in (0..n).filter(|i| set.iter().all(|j| key(*j) != key(*i))) {
+                    let mut all = [set.clone(), vec![i]].concat();
+                    all.sort_unstable();
+                    longer.insert(all);
+                }
+            }
+            last = longer.into_iter().map(|set| (weigh(&set), set)).collect();
+            weighed.extend(last.iter().cloned());
         }
+        let mut sets: BTreeMap<BTreeSet<String>, Vec<f64>> = BTreeMap::new();
+        for (evidence, set) in weighed {
+            let names = set.iter().map(|i| means.candidates[promising[*i]].effect.to_string()).collect();
+            sets.entry(names).or_default().push(evidence);
+        }
+        Self { sets: sets.into_iter().map(|(names, all)| (names, log_sum(all.iter().copied()))).collect() }
+    }
+
+    /// Largest evidence of one effect.
+    fn most(&self) -> f64 {
+        self.sets.iter().filter(|(names, _)| names.len() == 1).map(|(_, evidence)| *evidence).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// The effects of the likeliest set, each of which has to bring so much evidence; none where noise alone is likelier.
+    fn names(&self, least: f64) -> BTreeSet<String> {
+        let worth = |(names, evidence): &(&BTreeSet<String>, &f64)| *evidence - least * names.len() as f64;
+        let best = self.sets.iter().max_by(|a, b| worth(a).total_cmp(&worth(b))).filter(|best| worth(best) > 0.0);
+        best.map(|(names, _)| names.clone()).unwrap_or_default()
     }
 }
 
-/// What is named in a run: by the one who knows, and by the diagnosis.
-fn named(blind: &Blind, least: f64) -> Option<[BTreeSet<String>; 2]> {
-    let prepared = prepared(blind)?;
-    let known = Known::of(&prepared, blind)?.names(least);
-    let said = judge(blind).steps;
-    Some([known, said.into_iter().map(|s| s.effect).collect()])
+/// Promising candidates beside one noise.
+struct Chain {
+    residual: DVector<f64>,
+    left: Vec<Option<DMatrix<f64>>>,
 }
 
-/// Evidence that one in a hundred null runs exceeds for the one who knows.
-fn least(first: u64, runs: u64) -> f64 {
-    let of = |seed: u64| {
-        let blind = made(seed, &[], 0.0)?;
-        let prepared = prepared(&blind)?;
-        Some(Known::of(&prepared, &blind)?.best(&[])?.evidence)
-    };
-    let mut all: Vec<f64> = (first..first + runs).into_par_iter().filter_map(of).collect();
-    all.sort_by(f64::total_cmp);
-    let place = (all.len() as f64 * (1.0 - FALSE_ALARMS)) as usize;
-    all.get(place.min(all.len().saturating_sub(1))).copied().unwrap_or(f64::INFINITY)
+impl Chain {
+    /// Logarithm of the evidence of candidates, one after the other, each beside those before.
+    fn evidence(&self, set: &[usize]) -> f64 {
+        let mut base: Option<DMatrix<f64>> = None;
+        let mut sum = 0.0;
+        for left in set.iter().map(|i| self.left[*i].as_ref()) {
+            let Some(left) = left else { return f64::NEG_INFINITY };
+            let own = base.as_ref().map_or_else(|| left.clone(), |q| left - q * q.tr_mul(left));
+            if own.norm_squared() <= ABSORBED * ABSORBED * left.norm_squared() {
+                return f64::NEG_INFINITY;
+            }
+            let further = orthonormal(&own, None, INDEPENDENT);
+            sum += Score::known(further.tr_mul(&self.residual).norm_squared(), further.ncols()).evidence;
+            base = Some(match base {
+                Some(before) => {
+                    let columns: Vec<_> = before.column_iter().chain(further.column_iter()).map(|c| c.into_owned()).collect();
+                    DMatrix::from_columns(&columns)
+                }
+                None => further,
+            });
+        }
+        sum
+    }
+}
+
+/// What a study of pairs draws: the kind of its runs.
+#[derive(Clone, Copy)]
+struct Draw(Kind);
+
+impl Draw {
+    fn made(self, seed: u64, names: &[&str], strength_k: f64) -> Option<Blind> {
+        let mut random = Random::new(seed, "pairs programme");
+        let is_other = random.chance(OTHER_PROGRAMME) && self.0 == Kind::Lin;
+        let programme = if is_other { Programme::ALL[random.below(Programme::ALL.len())] } else { Programme::default() };
+        // Spikes are in no covariance.
+        let noise = Some(Family::WITHOUT_SPIKES[random.below(Family::WITHOUT_SPIKES.len())]);
+        let effects = names.iter().map(|name| (*name).to_owned()).collect();
+        let blind = generate(seed, self.0, &Options { effects, strength_k, programme, noise, ..Options::default() }).ok()?;
+        let is_seen = |e: &super::TrueEffect| e.identifiable && !e.seen_inside_plateaus && !e.natural_size;
+        blind.truth.effects.iter().all(is_seen).then_some(blind)
+    }
+
+    /// Two different effects that such a run can show.
+    fn drawn(self, seed: u64) -> [&'static str; 2] {
+        let mut random = Random::new(seed, "pairs");
+        let names = effects::visible(self.0);
+        let first = names[random.below(names.len())];
+        loop {
+            let second = names[random.below(names.len())];
+            if second != first {
+                return [first, second];
+            }
+        }
+    }
+
+    /// Evidence that one in a hundred null runs exceeds for each of those who know.
+    fn least(self, first: u64, runs: u64) -> [f64; 2] {
+        let of = |seed: u64| looked(&self.made(seed, &[], 0.0)?, |known, lottery| Some([known.best(&[])?.0, lottery.most()]))?;
+        let all: Vec<[f64; 2]> = (first..first + runs).into_par_iter().filter_map(of).collect();
+        [0, 1].map(|who| {
+            let mut own: Vec<f64> = all.iter().map(|both| both[who]).collect();
+            own.sort_by(f64::total_cmp);
+            let place = (own.len() as f64 * (1.0 - FALSE_ALARMS)) as usize;
+            own.get(place.min(own.len().saturating_sub(1))).copied().unwrap_or(f64::INFINITY)
+        })
+    }
+}
+
+/// What those who know see in a run.
+fn looked<T>(blind: &Blind, of: impl FnOnce(&Known, &Lottery) -> T) -> Option<T> {
+    let prepared = prepared(blind)?;
+    let (means, cells) = looked_at(&prepared, blind)?;
+    let known = Known::of(&means, White::new(&blind.truth.noise, blind, &prepared, &cells));
+    let lottery = Lottery::of(&means, blind, &prepared, &cells, &known);
+    Some(of(&known, &lottery))
+}
+
+/// Who names effects, and the words for it in the table.
+const WHO: [&str; 3] = ["knows the noise", "knows the lottery of the noise", "the diagnosis"];
+
+/// What is named in a run: by those who know, and by the diagnosis.
+fn named(blind: &Blind, least: [f64; 2]) -> Option<[BTreeSet<String>; 3]> {
+    let [known, lottery] = looked(blind, |known, lottery| [known.names(least[0]), lottery.names(least[1])])?;
+    let said = judge(blind).steps;
+    Some([known, lottery, said.into_iter().map(|s| s.effect).collect()])
+}
+
+/// What one of them made of runs of one strength.
+#[derive(Default)]
+struct Named {
+    both: Share,
+    one: Share,
+    wrong: usize,
+    runs: usize,
+}
+
+impl Named {
+    fn add(&mut self, names: &BTreeSet<String>, hidden: &BTreeSet<String>) {
+        let is_exact = names == hidden;
+        if hidden.len() == 1 {
+            self.one.add(!names.is_empty())
+        } else {
+            self.both.add(is_exact)
+        }
+        self.wrong += names.difference(hidden).count();
+        self.runs += 1;
+    }
 }
 
 /// A table of how often both of two effects are named, and nothing else, of `runs` pairs of each strength, beside how often one of the same
 /// strength is found.
-pub fn table(first: u64, runs: u64) -> String {
-    let least = least(first, 2 * runs);
+pub fn table(kind: Kind, first: u64, runs: u64) -> String {
+    let draw = Draw(kind);
+    let least = draw.least(first, 2 * runs);
+    let [known, lottery] = least;
     let mut text = format!(
-        "Named from a logarithm of the evidence of {least:.1} on, which {:.0} % of {} null runs exceed.\n\n| k | pairs | both exact by the one who knows the noise | one found by him | ratio to its square | both exact in the diagnosis | one found in it | ratio to its square |\n|---|---|---|---|---|---|---|---|\n",
+        "Runs of kind {}. Named from a logarithm of the evidence of {known:.1} (who knows the noise) and {lottery:.1} (who knows its lottery) on, which {:.0} % of {} null runs exceed.\n\n| k | pairs | who | both exact | one found | ratio to its square | wrong terms per run |\n|---|---|---|---|---|---|---|\n",
+        kind.name(),
         100.0 * FALSE_ALARMS,
         2 * runs
     );
     for k in STRENGTHS {
         let of = |seed: u64| {
-            let names = drawn(seed);
-            let (pair, one) = (made(seed, &names, k)?, made(seed, &names[..1], k)?);
-            let hidden: BTreeSet<String> = pair.truth.effects.iter().map(|e| e.effect.clone()).collect();
-            let exact = named(&pair, least)?.map(|names| names == hidden);
-            Some((exact, named(&one, least)?.map(|names| !names.is_empty())))
+            let names = draw.drawn(seed);
+            let look = |names: &[&str]| {
+                let blind = draw.made(seed, names, k)?;
+                let hidden: BTreeSet<String> = blind.truth.effects.iter().map(|e| e.effect.clone()).collect();
+                Some((named(&blind, least)?, hidden))
+            };
+            Some([look(&names)?, look(&names[..1])?])
         };
-        let all: Vec<([bool; 2], [bool; 2])> = (first..first + runs).into_par_iter().filter_map(of).collect();
-        let _ = write!(text, "| {k} | {} |", all.len());
-        for who in [0, 1] {
-            let (mut both, mut one) = (Share::default(), Share::default());
-            all.iter().for_each(|(exact, found)| {
-                both.add(exact[who]);
-                one.add(found[who]);
-            });
-            let ratio = both.percent() / 100.0 / (one.percent() / 100.0).powi(2);
-            let _ = write!(text, " {:.0} % | {:.0} % | {ratio:.2} |", both.percent(), one.percent());
+        let all: Vec<([BTreeSet<String>; 3], BTreeSet<String>)> =
+            (first..first + runs).into_par_iter().filter_map(of).flatten_iter().collect();
+        for (who, words) in WHO.iter().enumerate() {
+            let mut named = Named::default();
+            all.iter().for_each(|(names, hidden)| named.add(&names[who], hidden));
+            let [both, one] = [named.both, named.one].map(Share::percent);
+            let ratio = both / 100.0 / (one / 100.0).powi(2);
+            let wrong = named.wrong as f64 / named.runs.max(1) as f64;
+            let _ = writeln!(text, "| {k} | {} | {words} | {both:.0} % | {one:.0} % | {ratio:.2} | {wrong:.3} |", named.both.of);
         }
-        text.push('\n');
     }
     text
 }

@@ -4,7 +4,7 @@ use super::ideal::{Best, Ideal};
 use super::noise::Family;
 use super::poles::told_apart;
 use super::programme::Programme;
-use super::score::{LEAST_APART, Possible, STRENGTHS, Score, Share, mean, median, pooled, tenths};
+use super::score::{LEAST_APART, Possible, STRENGTHS, Score, Share, family, mean, median, pooled, tenths};
 use super::sensor::Kind;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -156,14 +156,19 @@ fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
         row(text, &format!("found with {name}, %"), strengths, |k| share(k, &|_| true, &|p| of(&p.ideal).evidence > least));
     }
     row(text, "found by the diagnosis, %", strengths, |k| share(k, &|_| true, &|p| p.said.is_some()));
-    for ((name, of), least) in ways.into_iter().zip([known, drawn]) {
-        row(text, &format!("first name right with {name}, %"), strengths, |k| {
-            share(k, &|p| of(&p.ideal).evidence > least, &|p| of(&p.ideal).effect == p.effect)
+    let is_right = |said: &str, true_one: &str| said == true_one;
+    let is_of_family = |said: &str, true_one: &str| family(said) == family(true_one);
+    let told: [(&str, &dyn Fn(&str, &str) -> bool); 2] = [("first name", &is_right), ("family", &is_of_family)];
+    for (what, is_right) in told {
+        for ((name, of), least) in ways.into_iter().zip([known, drawn]) {
+            row(text, &format!("{what} right with {name}, %"), strengths, |k| {
+                share(k, &|p| of(&p.ideal).evidence > least, &|p| is_right(&of(&p.ideal).effect, &p.effect))
+            });
+        }
+        row(text, &format!("{what} right in the diagnosis, %"), strengths, |k| {
+            share(k, &|p| p.said.is_some(), &|p| p.said.as_ref().is_some_and(|said| is_right(said, &p.effect)))
         });
     }
-    row(text, "first name right in the diagnosis, %", strengths, |k| {
-        share(k, &|p| p.said.is_some(), &|p| p.said.as_ref() == Some(&p.effect))
-    });
     let runs = || score.ideal.values().flatten();
     let per_run = |wrong: usize| wrong as f64 / runs().count() as f64;
     let by_lottery = runs().filter(|p| p.ideal.drawn.evidence > drawn && p.ideal.drawn.effect != p.effect).count();
