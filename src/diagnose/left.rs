@@ -20,6 +20,8 @@ const SCATTER: f64 = 1.5;
 const NEARLY_WHITE: f64 = 2.0;
 /// Probability with which noise alone may seem to scatter as much.
 const FALSE_ALARM: f64 = 1e-4;
+/// Chi square of predictions over their number from which on they fail.
+const SURPRISE: f64 = 3.0;
 /// Logarithm of the likelihood ratio by which slow noise has to be better than white noise, where no samples tell the white noise.
 const CLEAR: f64 = 5.0;
 /// Slow noise that is forgotten after so many rows, or has a power density of no larger exponent, is nearly white.
@@ -86,7 +88,21 @@ pub(super) fn left(means: &Means, model: &MeansModel, all: &[&Candidate]) -> Res
         (false, true) if is_gain => SLOW_GAIN,
         (false, true) => SLOW,
     };
+    // Whatever was named where predictions fail did not close the gap, however slow the noise is that was found beside it.
+    let surprise = means.surprise(&model.noise, all);
+    let open: [bool; 3] = std::array::from_fn(|a| open[a] || surprise[a] > SURPRISE);
     if !is_clear || times[axis] < least {
+        let axis = (0..3).max_by(|a, b| surprise[*a].total_cmp(&surprise[*b])).filter(|a| surprise[*a] > SURPRISE);
+        if let Some(axis) = axis {
+            let times_noise = surprise[axis].sqrt();
+            let left = Left {
+                place: format!("{}, {}", COMPONENTS[axis], follows(means, axis, &residuals[axis].ent)),
+                rms_nt: times_noise * means.mean_noise_nt(&means.row_std(model, all))[axis],
+                times_noise,
+                like: LeftLike::Disagreement,
+            };
+            return Rest { left: Some(left), open };
+        }
         let most = standing_out(means, all).into_iter().max_by(|a, b| a.times().total_cmp(&b.times()));
         let left = most.map(|most| Left {
             place: format!("{}, at {} s", COMPONENTS[most.axis], most.times_s(means)),

@@ -3,7 +3,7 @@
 use super::Means;
 use crate::diagnose::candidate::Candidate;
 use crate::fit::noise::state_space::Noise;
-use nalgebra::{DMatrix, DVector, DVectorView};
+use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn};
 use std::ops::Range;
 
 /// Stretches that are held out in turn, one after the other and never single rows: what is slow would be predicted by its neighbours.
@@ -95,6 +95,51 @@ impl Means<'_> {
     #[must_use]
     pub fn predicted(&self, noise: &Noise, terms: &[&Candidate]) -> HeldOut {
         let n = self.rows();
+        let mut held = HeldOut { residual_ent: DMatrix::zeros(n, 3), sum: 0.0, fresh_nt2: [0.0; 3], weight: 0.0 };
+        self.each_held_out(noise, terms, |stretch, coefficients, _| {
+            let left = &stretch.readings - &stretch.columns * coefficients;
+            let white = &stretch.white_readings - &stretch.white_columns * coefficients;
+            let m = stretch.rows.len();
+            for (at, (std, z)) in stretch.fresh_std.iter().zip(white.iter()).enumerate() {
+                let a = at / m;
+                let std_nt = std * self.prepared.nt_per_ent[a];
+                held.residual_ent[(stretch.rows.start + at % m, a)] = left[at];
+                held.fresh_nt2[a] += (z * std_nt).powi(2);
+                held.weight += (std_nt * std_nt).recip();
+            }
+            held.sum += white.norm_squared();
+        });
+        held
+    }
+
+    /// Chi square of the predictions of held-out stretches over the number of readings, component by component, beside the noise and the
+    /// uncertainty of the predictions: it is one of a model in which nothing is missing, also where a stretch is far from all others.
+    #[must_use]
+    pub fn surprise(&self, noise: &Noise, terms: &[&Candidate]) -> [f64; 3] {
+        let mut squares = [0.0; 3];
+        let mut count = 0;
+        self.each_held_out(noise, terms, |stretch, coefficients, others| {
+            let m = stretch.rows.len();
+            let white = &stretch.white_readings - &stretch.white_columns * coefficients;
+            for (a, sum) in squares.iter_mut().enumerate() {
+                let columns = stretch.white_columns.rows(a * m, m).into_owned();
+                let left = white.rows(a * m, m).into_owned();
+                let covariance = DMatrix::identity(m, m) + &columns * others.solve(&columns.transpose());
+                *sum += covariance.cholesky().map_or(0.0, |covariance| left.dot(&covariance.solve(&left)));
+            }
+            count += m;
+        });
+        squares.map(|sum| sum / count.max(1) as f64)
+    }
+
+    /// Every stretch with the coefficients of a fit to all others, and their information on them.
+    fn each_held_out(
+        &self,
+        noise: &Noise,
+        terms: &[&Candidate],
+        mut of: impl FnMut(&Stretch, &DVector<f64>, &Cholesky<f64, Dyn>),
+    ) {
+        let n = self.rows();
         let design = Design::new(self, terms);
         let width = design.width();
         let count = STRETCHES.min(n / 3);
@@ -106,25 +151,12 @@ impl Means<'_> {
             .collect();
         let total = normal.iter().fold((DMatrix::zeros(width, width), DVector::zeros(width)), |(g, b), (h, c)| (g + h, b + c));
         let ridge = RIDGE * total.0.trace() / width as f64;
-        let mut held = HeldOut { residual_ent: DMatrix::zeros(n, 3), sum: 0.0, fresh_nt2: [0.0; 3], weight: 0.0 };
         for (stretch, (gram, right)) in stretches.iter().zip(&normal) {
             let mut others = &total.0 - gram;
             (0..width).for_each(|j| others[(j, j)] += ridge);
-            let Some(cholesky) = others.cholesky() else { continue };
-            let coefficients = cholesky.solve(&(&total.1 - right));
-            let left = &stretch.readings - &stretch.columns * &coefficients;
-            let white = &stretch.white_readings - &stretch.white_columns * &coefficients;
-            let m = stretch.rows.len();
-            for (at, (std, z)) in stretch.fresh_std.iter().zip(white.iter()).enumerate() {
-                let a = at / m;
-                let std_nt = std * self.prepared.nt_per_ent[a];
-                held.residual_ent[(stretch.rows.start + at % m, a)] = left[at];
-                held.fresh_nt2[a] += (z * std_nt).powi(2);
-                held.weight += (std_nt * std_nt).recip();
-            }
-            held.sum += white.norm_squared();
+            let Some(others) = others.cholesky() else { continue };
+            of(stretch, &others.solve(&(&total.1 - right)), &others);
         }
-        held
     }
 
     /// The readings of some rows with their columns, whitened by their own covariance.

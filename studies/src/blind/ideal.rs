@@ -57,7 +57,7 @@ pub(super) struct White {
     bases: [DMatrix<f64>; 3],
     pub(super) residual: DVector<f64>,
     /// Restricted, up to a constant.
-    pub(super) log_likelihood: f64,
+    log_likelihood: f64,
 }
 
 fn whitened(whitener: &Whitener, columns: &DMatrix<f64>) -> DMatrix<f64> {
@@ -124,7 +124,7 @@ pub(super) fn looked_at<'a>(prepared: &'a PreparedRun, blind: &Blind) -> Option<
 }
 
 /// Means beside noise that may be any which the generator draws, the white part of it the true one.
-pub(super) fn drawn<'a>(blind: &'a Blind, prepared: &'a PreparedRun, cells: &'a [Cell]) -> impl Iterator<Item = White> + 'a {
+fn drawn<'a>(blind: &'a Blind, prepared: &'a PreparedRun, cells: &'a [Cell]) -> impl Iterator<Item = White> + 'a {
     (0..DRAWS).map(move |draw| {
         let mut random = Random::new(blind.truth.seed.wrapping_add(draw), "noise of the ideal");
         let family = Family::WITHOUT_SPIKES[random.below(Family::WITHOUT_SPIKES.len())];

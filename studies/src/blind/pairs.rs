@@ -1,17 +1,16 @@
 //! How often two effects can both be named, and nothing else: what someone names who has the candidates of the diagnosis and knows the true
-//! covariance of the noise, or the lottery from which it is drawn, beside the diagnosis in the same runs.
+//! covariance of the noise, beside the diagnosis in the same runs.
 
-use super::ideal::{self, INDEPENDENT, White, log_sum, looked_at};
+use super::ideal::{INDEPENDENT, White, log_sum, looked_at};
 use super::judge::{judge, prepared};
 use super::kinds::generate;
-use super::noise::{Cell, Family, Noise, Random};
+use super::noise::{Family, Random};
 use super::programme::Programme;
 use super::score::Share;
 use super::sensor::Kind;
 use super::{Blind, Options, effects};
 use calfit::diagnose::means::Means;
 use calfit::fit::scan::{ABSORBED, Score, orthonormal};
-use calfit::record::prepared::PreparedRun;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -25,10 +24,6 @@ const OTHER_PROGRAMME: f64 = 0.6;
 const FALSE_ALARMS: f64 = 0.01;
 /// Effects that are named at most: one more than there are shows what is wrong.
 const MOST: usize = 3;
-/// Candidates of largest evidence that are weighed over the lottery, alone and beside the best one.
-const PROMISING: usize = 8;
-/// Sets to which a further candidate is added.
-const BEST_SETS: usize = 8;
 /// Times that every name is looked at again beside the others.
 const ROUNDS: usize = 3;
 
@@ -71,21 +66,13 @@ impl<'a> Known<'a> {
         of_key
     }
 
-    /// The best explanation beside candidates that are there already: candidates of one key are one explanation, of which the best one is
-    /// returned.
+    /// The best explanation beside candidates that are there already, by its best candidate: candidates of one key are one explanation.
     fn best(&self, beside: &[usize]) -> Option<Weighed> {
-        let explanation = |all: &Vec<Weighed>| {
-            let (_, candidate) = all.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
-            Some((log_sum(all.iter().map(|(evidence, _)| *evidence)), candidate))
+        let explanation = |all: Vec<Weighed>| {
+            let (_, best) = all.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
+            Some((log_sum(all.iter().map(|(evidence, _)| *evidence)), best))
         };
-        self.weighed(beside).values().filter_map(explanation).max_by(|a, b| a.0.total_cmp(&b.0))
-    }
-
-    /// The most promising candidates beside those that are there already.
-    fn promising(&self, beside: &[usize]) -> Vec<usize> {
-        let mut all: Vec<Weighed> = self.weighed(beside).into_values().flatten().collect();
-        all.sort_by(|a, b| b.0.total_cmp(&a.0));
-        all.into_iter().take(PROMISING).map(|(_, c)| c).collect()
+        self.weighed(beside).into_values().filter_map(explanation).max_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// Names of effects, each of at least so much evidence beside the others.
@@ -106,108 +93,6 @@ impl<'a> Known<'a> {
             }
         }
         terms.into_iter().map(|c| self.means.candidates[c].effect.to_string()).collect()
-    }
-}
-
-/// Sets of up to three candidates, weighed by one who knows the white noise, and the lottery from which the generator draws the rest.
-///
-/// The candidates are the promising ones by the true covariance and by white noise, each alone and beside the best one: that he gets from one
-/// who knows even more.
-struct Lottery {
-    /// Effects of a set, and the logarithm of the evidence of all sets of them, with their priors.
-    sets: BTreeMap<BTreeSet<String>, f64>,
-}
-
-impl Lottery {
-    fn of(means: &Means, blind: &Blind, prepared: &PreparedRun, cells: &[Cell], known: &Known) -> Self {
-        let without = Noise { slow: Vec::new(), ..blind.truth.noise.clone() };
-        let white = Known::of(means, White::new(&without, blind, prepared, cells));
-        let both = |one: &Known| {
-            let alone = one.promising(&[]);
-            let beside = alone.first().map_or_else(Vec::new, |best| one.promising(&[*best]));
-            [alone, beside].concat()
-        };
-        let promising: Vec<usize> =
-            [both(known), both(&white)].concat().into_iter().collect::<BTreeSet<_>>().into_iter().collect();
-        let draws: Vec<(f64, Chain)> = ideal::drawn(blind, prepared, cells)
-            .map(|white| {
-                let left = promising.iter().map(|c| white.left(&means.candidates[*c].columns)).collect();
-                (white.log_likelihood, Chain { residual: white.residual, left })
-            })
-            .collect();
-        let total = log_sum(draws.iter().map(|d| d.0));
-        let key = |i: usize| means.candidates[promising[i]].key.as_str();
-        let prior = |i: &usize| means.log_priors[promising[*i]];
-        let weigh = |set: &[usize]| -> f64 {
-            let each: Vec<f64> = draws.iter().map(|(log_likelihood, chain)| log_likelihood + chain.evidence(set)).collect();
-            log_sum(each.iter().copied()) - total + set.iter().map(prior).sum::<f64>()
-        };
-        let n = promising.len();
-        let mut weighed: Vec<(f64, Vec<usize>)> = (0..n).map(|i| (weigh(&[i]), vec![i])).collect();
-        let mut last = weighed.clone();
-        for _ in 1..MOST {
-            last.sort_by(|a, b| b.0.total_cmp(&a.0));
-            last.truncate(BEST_SETS);
-            let mut longer: BTreeSet<Vec<usize>> = BTreeSet::new();
-            for (_, set) in &last {
-                for i in (0..n).filter(|i| set.iter().all(|j| key(*j) != key(*i))) {
-                    let mut all = [set.clone(), vec![i]].concat();
-                    all.sort_unstable();
-                    longer.insert(all);
-                }
-            }
-            last = longer.into_iter().map(|set| (weigh(&set), set)).collect();
-            weighed.extend(last.iter().cloned());
-        }
-        let mut sets: BTreeMap<BTreeSet<String>, Vec<f64>> = BTreeMap::new();
-        for (evidence, set) in weighed {
-            let names = set.iter().map(|i| means.candidates[promising[*i]].effect.to_string()).collect();
-            sets.entry(names).or_default().push(evidence);
-        }
-        Self { sets: sets.into_iter().map(|(names, all)| (names, log_sum(all.iter().copied()))).collect() }
-    }
-
-    /// Largest evidence of one effect.
-    fn most(&self) -> f64 {
-        self.sets.iter().filter(|(names, _)| names.len() == 1).map(|(_, evidence)| *evidence).fold(f64::NEG_INFINITY, f64::max)
-    }
-
-    /// The effects of the likeliest set, each of which has to bring so much evidence; none where noise alone is likelier.
-    fn names(&self, least: f64) -> BTreeSet<String> {
-        let worth = |(names, evidence): &(&BTreeSet<String>, &f64)| *evidence - least * names.len() as f64;
-        let best = self.sets.iter().max_by(|a, b| worth(a).total_cmp(&worth(b))).filter(|best| worth(best) > 0.0);
-        best.map(|(names, _)| names.clone()).unwrap_or_default()
-    }
-}
-
-/// Promising candidates beside one noise.
-struct Chain {
-    residual: DVector<f64>,
-    left: Vec<Option<DMatrix<f64>>>,
-}
-
-impl Chain {
-    /// Logarithm of the evidence of candidates, one after the other, each beside those before.
-    fn evidence(&self, set: &[usize]) -> f64 {
-        let mut base: Option<DMatrix<f64>> = None;
-        let mut sum = 0.0;
-        for left in set.iter().map(|i| self.left[*i].as_ref()) {
-            let Some(left) = left else { return f64::NEG_INFINITY };
-            let own = base.as_ref().map_or_else(|| left.clone(), |q| left - q * q.tr_mul(left));
-            if own.norm_squared() <= ABSORBED * ABSORBED * left.norm_squared() {
-                return f64::NEG_INFINITY;
-            }
-            let further = orthonormal(&own, None, INDEPENDENT);
-            sum += Score::known(further.tr_mul(&self.residual).norm_squared(), further.ncols()).evidence;
-            base = Some(match base {
-                Some(before) => {
-                    let columns: Vec<_> = before.column_iter().chain(further.column_iter()).map(|c| c.into_owned()).collect();
-                    DMatrix::from_columns(&columns)
-                }
-                None => further,
-            });
-        }
-        sum
     }
 }
 
@@ -241,36 +126,30 @@ impl Draw {
         }
     }
 
-    /// Evidence that one in a hundred null runs exceeds for each of those who know.
-    fn least(self, first: u64, runs: u64) -> [f64; 2] {
-        let of = |seed: u64| looked(&self.made(seed, &[], 0.0)?, |known, lottery| Some([known.best(&[])?.0, lottery.most()]))?;
-        let all: Vec<[f64; 2]> = (first..first + runs).into_par_iter().filter_map(of).collect();
-        [0, 1].map(|who| {
-            let mut own: Vec<f64> = all.iter().map(|both| both[who]).collect();
-            own.sort_by(f64::total_cmp);
-            let place = (own.len() as f64 * (1.0 - FALSE_ALARMS)) as usize;
-            own.get(place.min(own.len().saturating_sub(1))).copied().unwrap_or(f64::INFINITY)
-        })
+    /// Evidence that one in a hundred null runs exceeds for the one who knows.
+    fn least(self, first: u64, runs: u64) -> f64 {
+        let of = |seed: u64| known(&self.made(seed, &[], 0.0)?, |known| known.best(&[]).map(|(evidence, _)| evidence))?;
+        let mut all: Vec<f64> = (first..first + runs).into_par_iter().filter_map(of).collect();
+        all.sort_by(f64::total_cmp);
+        let place = (all.len() as f64 * (1.0 - FALSE_ALARMS)) as usize;
+        all.get(place.min(all.len().saturating_sub(1))).copied().unwrap_or(f64::INFINITY)
     }
 }
 
-/// What those who know see in a run.
-fn looked<T>(blind: &Blind, of: impl FnOnce(&Known, &Lottery) -> T) -> Option<T> {
+/// What the one who knows sees in a run.
+fn known<T>(blind: &Blind, of: impl FnOnce(&Known) -> T) -> Option<T> {
     let prepared = prepared(blind)?;
     let (means, cells) = looked_at(&prepared, blind)?;
-    let known = Known::of(&means, White::new(&blind.truth.noise, blind, &prepared, &cells));
-    let lottery = Lottery::of(&means, blind, &prepared, &cells, &known);
-    Some(of(&known, &lottery))
+    Some(of(&Known::of(&means, White::new(&blind.truth.noise, blind, &prepared, &cells))))
 }
 
-/// Who names effects, and the words for it in the table.
-const WHO: [&str; 3] = ["knows the noise", "knows the lottery of the noise", "the diagnosis"];
+/// Who names effects, in words of the table.
+const WHO: [&str; 2] = ["knows the noise", "the diagnosis"];
 
-/// What is named in a run: by those who know, and by the diagnosis.
-fn named(blind: &Blind, least: [f64; 2]) -> Option<[BTreeSet<String>; 3]> {
-    let [known, lottery] = looked(blind, |known, lottery| [known.names(least[0]), lottery.names(least[1])])?;
-    let said = judge(blind).steps;
-    Some([known, lottery, said.into_iter().map(|s| s.effect).collect()])
+/// What is named in a run: by the one who knows, and by the diagnosis.
+fn named(blind: &Blind, least: f64) -> Option<[BTreeSet<String>; 2]> {
+    let by_known = known(blind, |known| known.names(least))?;
+    Some([by_known, judge(blind).steps.into_iter().map(|s| s.effect).collect()])
 }
 
 /// What one of them made of runs of one strength.
@@ -300,9 +179,8 @@ impl Named {
 pub fn table(kind: Kind, first: u64, runs: u64) -> String {
     let draw = Draw(kind);
     let least = draw.least(first, 2 * runs);
-    let [known, lottery] = least;
     let mut text = format!(
-        "Runs of kind {}. Named from a logarithm of the evidence of {known:.1} (who knows the noise) and {lottery:.1} (who knows its lottery) on, which {:.0} % of {} null runs exceed.\n\n| k | pairs | who | both exact | one found | ratio to its square | wrong terms per run |\n|---|---|---|---|---|---|---|\n",
+        "Runs of kind {}. Who knows the noise names from a logarithm of the evidence of {least:.1} on, which {:.0} % of {} null runs exceed.\n\n| k | pairs | who | both exact | one found | ratio to its square | wrong terms per run |\n|---|---|---|---|---|---|---|\n",
         kind.name(),
         100.0 * FALSE_ALARMS,
         2 * runs
@@ -317,7 +195,7 @@ pub fn table(kind: Kind, first: u64, runs: u64) -> String {
             };
             Some([look(&names)?, look(&names[..1])?])
         };
-        let all: Vec<([BTreeSet<String>; 3], BTreeSet<String>)> =
+        let all: Vec<([BTreeSet<String>; 2], BTreeSet<String>)> =
             (first..first + runs).into_par_iter().filter_map(of).flatten_iter().collect();
         for (who, words) in WHO.iter().enumerate() {
             let mut named = Named::default();
