@@ -128,6 +128,9 @@ fn programmes(text: &mut String, score: &Score) {
 /// Strengths of the table of poles, in tenths.
 const POLES: [u64; 6] = [60, 80, 100, 150, 200, 500];
 
+/// Whether what was said of an effect, first, is right of the true one.
+type IsRight = fn(&str, &str) -> bool;
+
 /// What searches find that know more than anyone can.
 fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
     if score.ideal_null.is_empty() || score.ideal.is_empty() {
@@ -156,9 +159,9 @@ fn possible(text: &mut String, score: &Score, strengths: &[u64]) {
         row(text, &format!("found with {name}, %"), strengths, |k| share(k, &|_| true, &|p| of(&p.ideal).evidence > least));
     }
     row(text, "found by the diagnosis, %", strengths, |k| share(k, &|_| true, &|p| p.said.is_some()));
-    let is_right = |said: &str, true_one: &str| said == true_one;
-    let is_of_family = |said: &str, true_one: &str| family(said) == family(true_one);
-    let told: [(&str, &dyn Fn(&str, &str) -> bool); 2] = [("first name", &is_right), ("family", &is_of_family)];
+    let is_right: IsRight = |said, true_one| said == true_one;
+    let is_of_family: IsRight = |said, true_one| family(said) == family(true_one);
+    let told: [(&str, IsRight); 2] = [("first name", is_right), ("family", is_of_family)];
     for (what, is_right) in told {
         for ((name, of), least) in ways.into_iter().zip([known, drawn]) {
             row(text, &format!("{what} right with {name}, %"), strengths, |k| {
