@@ -9,6 +9,7 @@ use super::problem::Revision;
 use super::result::{Evidence, RunnerUp};
 use super::{ALIKE, APART};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score};
+use crate::fit::statistics::log_sum;
 use crate::model::effects::{EffectRef, Family};
 
 /// A term gives way to another one whose evidence (logarithm) is larger by this much, a ratio of e: equals do not change places.
@@ -98,6 +99,11 @@ impl<'a> Scored<'a> {
         self.groups[index].surviving > ABSORBED && self.log_priors[index].is_finite()
     }
 
+    /// Logarithm of how many times as likely an effect is among other effects as beside noise.
+    fn favour(&self, candidate: &Candidate) -> f64 {
+        candidate.effect.among_effects(self.trend_order).ln()
+    }
+
     fn explained(&self) -> Vec<Explanation> {
         let mut keys: Vec<&str> = Vec::new();
         let mut own: Vec<Vec<(usize, f64, Score)>> = Vec::new();
@@ -115,7 +121,7 @@ impl<'a> Scored<'a> {
         }
         let explanation = |(key, own): (&str, Vec<(usize, f64, Score)>)| {
             let (best, _, score) = own.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
-            let favour = self.candidates[best].effect.among_effects(self.trend_order).ln();
+            let favour = self.favour(self.candidates[best]);
             let evidence = log_sum(own.iter().map(|(_, evidence, _)| *evidence)) + favour;
             Some(Explanation { key: key.to_owned(), evidence, favour, best, score })
         };
@@ -127,11 +133,11 @@ impl<'a> Scored<'a> {
     /// Whether noise alone gives any explanation so much evidence less often than `false_alarm`, simulated over all candidates at once; `None` if
     /// it does not.
     pub fn evident(&self, evidence: f64, false_alarm: f64, seed: u64) -> Option<Evident> {
-        let usable: Vec<usize> = (0..self.candidates.len()).filter(|i| self.is_open(*i) && self.groups[*i].count() > 0).collect();
+        let usable = (0..self.candidates.len()).filter(|i| self.is_open(*i) && self.groups[*i].count() > 0);
+        let of_explanation = |i: usize| Some((i, self.explanations.iter().position(|e| e.key == self.candidates[i].key)?));
+        let (usable, explanations): (Vec<usize>, Vec<usize>) = usable.filter_map(of_explanation).unzip();
         let tried: Vec<&Group> = usable.iter().map(|i| &self.groups[*i]).collect();
         let priors: Vec<f64> = usable.iter().map(|i| self.log_priors[*i]).collect();
-        let key = |i: &usize| self.explanations.iter().position(|e| e.key == self.candidates[*i].key).unwrap_or(0);
-        let explanations: Vec<usize> = usable.iter().map(key).collect();
         let maxima = self.fitted.simulate(&tried, &priors, &explanations, seed);
         let margin = evidence - maxima.evidence_at(false_alarm);
         (margin > 0.0).then(|| Evident { p_global: maxima.global_p(evidence), trials: usable.len(), margin })
@@ -158,9 +164,8 @@ impl<'a> Scored<'a> {
     pub fn rivals<'s>(&'s self, candidate: &'s Candidate, group: &'s Group) -> Rivals<'s> {
         let score = self.fitted.score(group);
         let own = self.explanation(&candidate.key);
-        let favour = candidate.effect.among_effects(self.trend_order).ln();
         let of_grid = own.map_or(score.evidence, |e| e.evidence);
-        let evidence = of_grid.max(score.evidence - SHARE + favour);
+        let evidence = of_grid.max(score.evidence - SHARE + self.favour(candidate));
         Rivals { scored: self, candidate, group, score, evidence, least: of_grid.min(evidence) }
     }
 }
@@ -249,10 +254,4 @@ impl Scored<'_> {
         let named = std::iter::once((key.to_owned(), evidence));
         Evidence { step, bars: named.chain(rivals.map(|e| (e.key.clone(), e.evidence))).collect(), apart: APART }
     }
-}
-
-/// Logarithm of the sum of numbers that are given by their logarithms.
-pub fn log_sum(values: impl Iterator<Item = f64> + Clone) -> f64 {
-    let most = values.clone().fold(f64::NEG_INFINITY, f64::max);
-    if most.is_finite() { most + values.map(|v| (v - most).exp()).sum::<f64>().ln() } else { most }
 }

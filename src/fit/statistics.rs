@@ -84,6 +84,13 @@ pub fn std_of(variance: f64) -> f64 {
     if variance < 0.0 { 0.0 } else { variance.sqrt() }
 }
 
+/// Logarithm of the sum of numbers that are given by their logarithms.
+#[must_use]
+pub fn log_sum(values: impl Iterator<Item = f64> + Clone) -> f64 {
+    let most = values.clone().fold(f64::NEG_INFINITY, f64::max);
+    if most.is_finite() { most + values.map(|v| (v - most).exp()).sum::<f64>().ln() } else { most }
+}
+
 /// The median, which of an even number of values is the upper of the two in the middle; NaN of nothing. It reorders the values.
 #[must_use]
 pub fn median(values: &mut [f64]) -> f64 {

@@ -3,7 +3,7 @@
 use super::Means;
 use crate::diagnose::candidate::Candidate;
 use crate::fit::noise::state_space::Noise;
-use nalgebra::{Cholesky, DMatrix, DVector, DVectorView, Dyn};
+use nalgebra::{DMatrix, DVector, DVectorView};
 use std::ops::Range;
 
 /// Stretches that are held out in turn, one after the other and never single rows: what is slow would be predicted by its neighbours.
@@ -48,6 +48,13 @@ struct Stretch {
     white_readings: DVector<f64>,
     /// Standard deviation of each reading beside those before it in the stretch, enT.
     fresh_std: Vec<f64>,
+}
+
+impl Stretch {
+    /// What a fit leaves of the whitened readings.
+    fn white_left(&self, coefficients: &DVector<f64>) -> DVector<f64> {
+        &self.white_readings - &self.white_columns * coefficients
+    }
 }
 
 /// The columns of the linear model and of terms, every column divided by its largest value: columns of very different size make bad normal
@@ -98,7 +105,7 @@ impl Means<'_> {
         let mut held = HeldOut { residual_ent: DMatrix::zeros(n, 3), sum: 0.0, fresh_nt2: [0.0; 3], weight: 0.0 };
         self.each_held_out(noise, terms, |stretch, coefficients, _| {
             let left = &stretch.readings - &stretch.columns * coefficients;
-            let white = &stretch.white_readings - &stretch.white_columns * coefficients;
+            let white = stretch.white_left(coefficients);
             let m = stretch.rows.len();
             for (at, (std, z)) in stretch.fresh_std.iter().zip(white.iter()).enumerate() {
                 let a = at / m;
@@ -120,25 +127,22 @@ impl Means<'_> {
         let mut count = 0;
         self.each_held_out(noise, terms, |stretch, coefficients, others| {
             let m = stretch.rows.len();
-            let white = &stretch.white_readings - &stretch.white_columns * coefficients;
+            let white = stretch.white_left(coefficients);
             for (a, sum) in squares.iter_mut().enumerate() {
-                let columns = stretch.white_columns.rows(a * m, m).into_owned();
-                let left = white.rows(a * m, m).into_owned();
-                let covariance = DMatrix::identity(m, m) + &columns * others.solve(&columns.transpose());
-                *sum += covariance.cholesky().map_or(0.0, |covariance| left.dot(&covariance.solve(&left)));
+                let columns = stretch.white_columns.rows(a * m, m);
+                let left = white.rows(a * m, m);
+                // The inverse of 1 + C A⁻¹ Cᵀ is 1 - C (A + CᵀC)⁻¹ Cᵀ: there are fewer columns than readings.
+                let along = columns.tr_mul(&left);
+                let explained = (others + columns.tr_mul(&columns)).cholesky().map_or(0.0, |all| along.dot(&all.solve(&along)));
+                *sum += left.norm_squared() - explained;
             }
             count += m;
         });
         squares.map(|sum| sum / count.max(1) as f64)
     }
 
-    /// Every stretch with the coefficients of a fit to all others, and their information on them.
-    fn each_held_out(
-        &self,
-        noise: &Noise,
-        terms: &[&Candidate],
-        mut of: impl FnMut(&Stretch, &DVector<f64>, &Cholesky<f64, Dyn>),
-    ) {
+    /// Every stretch with the coefficients of a fit to all others, and the information of these on them.
+    fn each_held_out(&self, noise: &Noise, terms: &[&Candidate], mut of: impl FnMut(&Stretch, &DVector<f64>, &DMatrix<f64>)) {
         let n = self.rows();
         let design = Design::new(self, terms);
         let width = design.width();
@@ -154,8 +158,8 @@ impl Means<'_> {
         for (stretch, (gram, right)) in stretches.iter().zip(&normal) {
             let mut others = &total.0 - gram;
             (0..width).for_each(|j| others[(j, j)] += ridge);
-            let Some(others) = others.cholesky() else { continue };
-            of(stretch, &others.solve(&(&total.1 - right)), &others);
+            let Some(cholesky) = others.clone().cholesky() else { continue };
+            of(stretch, &cholesky.solve(&(&total.1 - right)), &others);
         }
     }
 

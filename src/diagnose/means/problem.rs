@@ -3,11 +3,12 @@
 use super::{MANY_ROWS, Means, MeansModel, Term, describe, with_shape};
 use crate::data::units::Scale;
 use crate::diagnose::candidate::{Candidate, Threshold};
-use crate::diagnose::explanations::{Explanation, SHARE, Scored, log_sum};
+use crate::diagnose::explanations::{Explanation, SHARE, Scored};
 use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::fit::noise::state_space::Noise;
 use crate::fit::scalar::{self, Stop};
 use crate::fit::scan::{ABSORBED, Group, Score};
+use crate::fit::statistics::log_sum;
 use crate::model::effects::Spec;
 use rayon::prelude::*;
 
@@ -367,25 +368,24 @@ impl Means<'_> {
             .par_iter()
             .map(|e| Some(self.refined(sharpest, &self.candidates[e.best])).filter(|r| r.spec != self.candidates[e.best].spec))
             .collect();
-        let scores: Vec<Vec<[Option<Score>; 2]>> = noises
+        let scores: Vec<Vec<(Score, Option<Score>)>> = noises
             .par_iter()
             .map(|(noise, _)| {
                 let model = self.model_with(noise.clone(), now);
                 let score = |candidate: &Candidate| model.fitted.score(&self.group(&model, candidate));
                 let of_both = |(e, refined): (&Explanation, &Option<Candidate>)| {
-                    [Some(score(&self.candidates[e.best])), refined.as_ref().map(score)]
+                    (score(&self.candidates[e.best]), refined.as_ref().map(score))
                 };
                 chosen.iter().zip(&refined).map(of_both).collect()
             })
             .collect();
         for (k, e) in chosen.iter_mut().enumerate() {
-            let known = |which: usize| {
-                let of_noise = |((_, weight), scores): (&&(Noise, f64), &Vec<[Option<Score>; 2]>)| {
-                    scores[k][which].map(|score| (weight + score.evidence, score))
-                };
-                noises.iter().zip(&scores).filter_map(of_noise).collect::<Vec<_>>()
-            };
-            let [of_grid, of_shape] = [0, 1].map(known);
+            let (mut of_grid, mut of_shape) = (Vec::new(), Vec::new());
+            for ((_, weight), scores) in noises.iter().zip(&scores) {
+                let weighed = |score: Score| (weight + score.evidence, score);
+                of_grid.push(weighed(scores[k].0));
+                of_shape.extend(scores[k].1.map(weighed));
+            }
             let [average, with_shape] = [&of_grid, &of_shape].map(|all| log_sum(all.iter().map(|(evidence, _)| *evidence)));
             // All candidates of the explanation gain as its best one does.
             let grid = e.evidence + average - e.score.evidence;

@@ -6,6 +6,7 @@ use super::sensor::Kind;
 use super::{Blind, kinds};
 use calfit::diagnose::means::Means;
 use calfit::fit::scan::{ABSORBED, Score, orthonormal};
+use calfit::fit::statistics::log_sum;
 use calfit::model::effects::{Acts, Catalogue};
 use calfit::record::prepared::PreparedRun;
 use nalgebra::{DMatrix, DVector};
@@ -37,17 +38,12 @@ pub struct Ideal {
     pub drawn: Best,
 }
 
-/// An explanation: its best candidate, and the logarithm of the evidence times prior of all of them.
+/// An explanation: its best candidate with the logarithm of its evidence, and that of the evidence times prior of all of them.
 #[derive(Clone, Copy)]
 struct Explained {
     best: usize,
+    of_best: f64,
     evidence: f64,
-}
-
-/// Logarithm of a sum of numbers that are given by their logarithms.
-pub(super) fn log_sum(values: impl Iterator<Item = f64> + Clone) -> f64 {
-    let most = values.clone().fold(f64::NEG_INFINITY, f64::max);
-    if most.is_finite() { most + values.map(|v| (v - most).exp()).sum::<f64>().ln() } else { most }
 }
 
 /// Means of a run, whitened, beside the run's own parameters.
@@ -156,8 +152,8 @@ pub fn ideal(prepared: &PreparedRun, blind: &Blind) -> Option<Ideal> {
         }
         let explanation = |all: Vec<(usize, f64)>| {
             let with_prior = all.iter().map(|(c, evidence)| evidence + means.log_priors[*c]);
-            let (best, _) = all.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
-            Some(Explained { best, evidence: log_sum(with_prior) })
+            let (best, of_best) = all.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
+            Some(Explained { best, of_best, evidence: log_sum(with_prior) })
         };
         let mut all: Vec<Explained> = of_key.into_values().filter_map(explanation).collect();
         all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
@@ -166,19 +162,16 @@ pub fn ideal(prepared: &PreparedRun, blind: &Blind) -> Option<Ideal> {
     let known = explained(&truth);
     // What slow noise hides shows beside white noise.
     let white = White::new(&Noise { slow: Vec::new(), ..blind.truth.noise.clone() }, blind, prepared, &cells);
-    let promising: Vec<(&White, Explained)> = [&truth, &white]
-        .into_iter()
-        .zip([known.clone(), explained(&white)])
-        .flat_map(|(white, all)| all.into_iter().take(PROMISING).map(move |one| (white, one)))
-        .filter(|(_, one)| one.evidence.is_finite())
-        .collect();
+    let without = explained(&white);
+    let most = [&known, &without].into_iter().flat_map(|all| all.iter().take(PROMISING));
+    let promising: Vec<Explained> = most.filter(|one| one.evidence.is_finite()).copied().collect();
     let draws: Vec<(f64, Vec<f64>)> = drawn(blind, prepared, &cells)
-        .map(|white| (white.log_likelihood, promising.iter().map(|(_, one)| of(&white, one.best)).collect()))
+        .map(|white| (white.log_likelihood, promising.iter().map(|one| of(&white, one.best)).collect()))
         .collect();
     let total = log_sum(draws.iter().map(|d| d.0));
-    let averaged = promising.iter().enumerate().map(|(k, (white, one))| {
+    let averaged = promising.iter().enumerate().map(|(k, one)| {
         let average = log_sum(draws.iter().map(|d| d.0 + d.1[k])) - total;
-        (one.best, one.evidence + average - of(white, one.best))
+        (one.best, one.evidence + average - one.of_best)
     });
     let by_lottery = averaged.max_by(|a, b| a.1.total_cmp(&b.1))?;
     let best = |(c, evidence): (usize, f64)| Best { evidence, effect: means.candidates[c].effect.to_string() };

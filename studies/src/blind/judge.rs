@@ -40,7 +40,7 @@ pub fn judge_beside_ideal(blind: &Blind) -> Verdict {
 }
 
 /// The only run as the diagnosis sees it; none of several runs, and of those that it cannot look at in this way.
-pub(super) fn prepared(blind: &Blind) -> Option<PreparedRun> {
+pub fn prepared(blind: &Blind) -> Option<PreparedRun> {
     let [(run, vectors)] = blind.runs.as_slice() else { return None };
     let (plateaus, samples) = reduced(run, vectors);
     PreparedRun::new(run, &plateaus, Some(&samples), &blind.campaign.file.instructions, None).ok()

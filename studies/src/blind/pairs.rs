@@ -1,7 +1,7 @@
 //! How often two effects can both be named, and nothing else: what someone names who has the candidates of the diagnosis and knows the true
 //! covariance of the noise, beside the diagnosis in the same runs.
 
-use super::ideal::{INDEPENDENT, White, log_sum, looked_at};
+use super::ideal::{INDEPENDENT, White, looked_at};
 use super::judge::{judge, prepared};
 use super::kinds::generate;
 use super::noise::{Family, Random};
@@ -11,6 +11,7 @@ use super::sensor::Kind;
 use super::{Blind, Options, effects};
 use calfit::diagnose::means::Means;
 use calfit::fit::scan::{ABSORBED, Score, orthonormal};
+use calfit::fit::statistics::log_sum;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
@@ -45,8 +46,8 @@ impl<'a> Known<'a> {
         Self { residual: white.residual, left, means }
     }
 
-    /// Candidates beside those that are there already, key by key.
-    fn weighed(&self, beside: &[usize]) -> BTreeMap<&str, Vec<Weighed>> {
+    /// The best explanation beside candidates that are there already, by its best candidate: candidates of one key are one explanation.
+    fn best(&self, beside: &[usize]) -> Option<Weighed> {
         let columns: Vec<DVector<f64>> =
             beside.iter().filter_map(|c| self.left[*c].as_ref()).flat_map(|l| l.column_iter().map(|c| c.into_owned())).collect();
         let taken = (!columns.is_empty()).then(|| orthonormal(&DMatrix::from_columns(&columns), None, INDEPENDENT));
@@ -63,16 +64,11 @@ impl<'a> Known<'a> {
             let score = Score::known(base.tr_mul(&residual).norm_squared(), base.ncols());
             of_key.entry(self.means.candidates[c].key.as_str()).or_default().push((score.evidence + self.means.log_priors[c], c));
         }
-        of_key
-    }
-
-    /// The best explanation beside candidates that are there already, by its best candidate: candidates of one key are one explanation.
-    fn best(&self, beside: &[usize]) -> Option<Weighed> {
         let explanation = |all: Vec<Weighed>| {
             let (_, best) = all.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
             Some((log_sum(all.iter().map(|(evidence, _)| *evidence)), best))
         };
-        self.weighed(beside).into_values().filter_map(explanation).max_by(|a, b| a.0.total_cmp(&b.0))
+        of_key.into_values().filter_map(explanation).max_by(|a, b| a.0.total_cmp(&b.0))
     }
 
     /// Names of effects, each of at least so much evidence beside the others.
@@ -96,44 +92,38 @@ impl<'a> Known<'a> {
     }
 }
 
-/// What a study of pairs draws: the kind of its runs.
-#[derive(Clone, Copy)]
-struct Draw(Kind);
+fn made(kind: Kind, seed: u64, names: &[&str], strength_k: f64) -> Option<Blind> {
+    let mut random = Random::new(seed, "pairs programme");
+    let is_other = random.chance(OTHER_PROGRAMME) && kind == Kind::Lin;
+    let programme = if is_other { Programme::ALL[random.below(Programme::ALL.len())] } else { Programme::default() };
+    // Spikes are in no covariance.
+    let noise = Some(Family::WITHOUT_SPIKES[random.below(Family::WITHOUT_SPIKES.len())]);
+    let effects = names.iter().map(|name| (*name).to_owned()).collect();
+    let blind = generate(seed, kind, &Options { effects, strength_k, programme, noise, ..Options::default() }).ok()?;
+    let is_seen = |e: &super::TrueEffect| e.identifiable && !e.seen_inside_plateaus && !e.natural_size;
+    blind.truth.effects.iter().all(is_seen).then_some(blind)
+}
 
-impl Draw {
-    fn made(self, seed: u64, names: &[&str], strength_k: f64) -> Option<Blind> {
-        let mut random = Random::new(seed, "pairs programme");
-        let is_other = random.chance(OTHER_PROGRAMME) && self.0 == Kind::Lin;
-        let programme = if is_other { Programme::ALL[random.below(Programme::ALL.len())] } else { Programme::default() };
-        // Spikes are in no covariance.
-        let noise = Some(Family::WITHOUT_SPIKES[random.below(Family::WITHOUT_SPIKES.len())]);
-        let effects = names.iter().map(|name| (*name).to_owned()).collect();
-        let blind = generate(seed, self.0, &Options { effects, strength_k, programme, noise, ..Options::default() }).ok()?;
-        let is_seen = |e: &super::TrueEffect| e.identifiable && !e.seen_inside_plateaus && !e.natural_size;
-        blind.truth.effects.iter().all(is_seen).then_some(blind)
-    }
-
-    /// Two different effects that such a run can show.
-    fn drawn(self, seed: u64) -> [&'static str; 2] {
-        let mut random = Random::new(seed, "pairs");
-        let names = effects::visible(self.0);
-        let first = names[random.below(names.len())];
-        loop {
-            let second = names[random.below(names.len())];
-            if second != first {
-                return [first, second];
-            }
+/// Two different effects that such a run can show.
+fn drawn(kind: Kind, seed: u64) -> [&'static str; 2] {
+    let mut random = Random::new(seed, "pairs");
+    let names = effects::visible(kind);
+    let first = names[random.below(names.len())];
+    loop {
+        let second = names[random.below(names.len())];
+        if second != first {
+            return [first, second];
         }
     }
+}
 
-    /// Evidence that one in a hundred null runs exceeds for the one who knows.
-    fn least(self, first: u64, runs: u64) -> f64 {
-        let of = |seed: u64| known(&self.made(seed, &[], 0.0)?, |known| known.best(&[]).map(|(evidence, _)| evidence))?;
-        let mut all: Vec<f64> = (first..first + runs).into_par_iter().filter_map(of).collect();
-        all.sort_by(f64::total_cmp);
-        let place = (all.len() as f64 * (1.0 - FALSE_ALARMS)) as usize;
-        all.get(place.min(all.len().saturating_sub(1))).copied().unwrap_or(f64::INFINITY)
-    }
+/// Evidence that one in a hundred null runs exceeds for the one who knows.
+fn least(kind: Kind, first: u64, runs: u64) -> f64 {
+    let of = |seed: u64| known(&made(kind, seed, &[], 0.0)?, |known| known.best(&[]).map(|(evidence, _)| evidence))?;
+    let mut all: Vec<f64> = (first..first + runs).into_par_iter().filter_map(of).collect();
+    all.sort_by(f64::total_cmp);
+    let place = (all.len() as f64 * (1.0 - FALSE_ALARMS)) as usize;
+    all.get(place.min(all.len().saturating_sub(1))).copied().unwrap_or(f64::INFINITY)
 }
 
 /// What the one who knows sees in a run.
@@ -177,8 +167,7 @@ impl Named {
 /// A table of how often both of two effects are named, and nothing else, of `runs` pairs of each strength, beside how often one of the same
 /// strength is found.
 pub fn table(kind: Kind, first: u64, runs: u64) -> String {
-    let draw = Draw(kind);
-    let least = draw.least(first, 2 * runs);
+    let least = least(kind, first, 2 * runs);
     let mut text = format!(
         "Runs of kind {}. Who knows the noise names from a logarithm of the evidence of {least:.1} on, which {:.0} % of {} null runs exceed.\n\n| k | pairs | who | both exact | one found | ratio to its square | wrong terms per run |\n|---|---|---|---|---|---|---|\n",
         kind.name(),
@@ -187,9 +176,9 @@ pub fn table(kind: Kind, first: u64, runs: u64) -> String {
     );
     for k in STRENGTHS {
         let of = |seed: u64| {
-            let names = draw.drawn(seed);
+            let names = drawn(kind, seed);
             let look = |names: &[&str]| {
-                let blind = draw.made(seed, names, k)?;
+                let blind = made(kind, seed, names, k)?;
                 let hidden: BTreeSet<String> = blind.truth.effects.iter().map(|e| e.effect.clone()).collect();
                 Some((named(&blind, least)?, hidden))
             };

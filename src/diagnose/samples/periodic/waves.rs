@@ -1,8 +1,8 @@
 //! Waves and switched signals, fitted to the samples inside the plateaus.
 
 use super::spectrum::{Grid, Noise, Stretch};
-use crate::diagnose::explanations::log_sum;
 use crate::diagnose::samples::parts_mut;
+use crate::fit::statistics::log_sum;
 use rayon::prelude::*;
 use realfft::num_complex::Complex;
 use std::f64::consts::{PI, TAU};

@@ -10,6 +10,7 @@ mod whitener;
 
 use super::spectrum::parts;
 use super::{NoiseModel, NoiseParameters};
+use crate::fit::statistics::log_sum;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use statrs::function::gamma::ln_gamma;
@@ -330,8 +331,7 @@ impl Correlations {
             all.extend(weigh(&rest));
         }
         all.extend(other);
-        let most = all.iter().map(|a| a.1).fold(f64::NEG_INFINITY, f64::max);
-        let sum = all.iter().map(|a| (a.1 - most).exp()).sum::<f64>().ln() + most;
+        let sum = log_sum(all.iter().map(|a| a.1));
         all.iter_mut().for_each(|a| a.1 -= sum);
         all
     }
