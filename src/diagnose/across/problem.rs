@@ -24,8 +24,10 @@ pub type Term = Accepted<RunCandidate>;
 pub struct Comparison<'a> {
     pub set: RunSet<'a>,
     pub candidates: Vec<RunCandidate>,
-    /// Logarithm of the prior of each; minus infinity for those that did not predict.
+    /// Logarithm of the prior of each.
     log_priors: Vec<f64>,
+    /// Those that are no longer looked for, since they did not predict; they are rivals of what is named in their place.
+    ruled_out: Vec<bool>,
 }
 
 /// The terms of a search.
@@ -72,10 +74,8 @@ impl Problem for Comparison<'_> {
 
     /// This term alone: an orientation may stand alone in one class and not in another.
     fn rule_out(&mut self, term: &Term) {
-        for (log_prior, candidate) in self.log_priors.iter_mut().zip(&self.candidates) {
-            if candidate.is_same_term(&term.candidate) && candidate.parameters == term.candidate.parameters {
-                *log_prior = f64::NEG_INFINITY;
-            }
+        for (is_out, candidate) in self.ruled_out.iter_mut().zip(&self.candidates) {
+            *is_out |= candidate.is_same_term(&term.candidate) && candidate.parameters == term.candidate.parameters;
         }
     }
 
@@ -113,7 +113,8 @@ impl Problem for Comparison<'_> {
 impl<'a> Comparison<'a> {
     pub fn new(set: RunSet<'a>, candidates: Vec<RunCandidate>) -> Self {
         let log_priors = explanations::log_priors(candidates.iter().map(|s| &s.candidate), |effect| effect.prior(None));
-        Self { set, candidates, log_priors }
+        let ruled_out = vec![false; candidates.len()];
+        Self { set, candidates, log_priors, ruled_out }
     }
 
     /// A term that leaves too few orientations to compare is not looked for, nor one that is there.
@@ -130,10 +131,19 @@ impl<'a> Comparison<'a> {
         self.candidates.iter().map(|s| self.set.group(fitted, s)).collect()
     }
 
-    /// All candidates scored beside a model with these terms.
-    pub fn scored<'b>(&'b self, fitted: &'b Fitted, terms: &[&RunCandidate]) -> Scored<'b> {
-        let log_prior = |(s, own): (&RunCandidate, &f64)| if self.is_open(s, terms) { *own } else { f64::NEG_INFINITY };
-        let log_priors = self.candidates.iter().zip(&self.log_priors).map(log_prior).collect();
+    /// The candidates that are looked for, scored beside a model with these terms.
+    fn scored<'b>(&'b self, fitted: &'b Fitted, terms: &[&RunCandidate]) -> Scored<'b> {
+        self.scored_if(fitted, |i| self.is_open(&self.candidates[i], terms) && !self.ruled_out[i])
+    }
+
+    /// The same with those that were ruled out, which may be what a term stands for.
+    pub fn scored_as_rivals<'b>(&'b self, fitted: &'b Fitted, terms: &[&RunCandidate]) -> Scored<'b> {
+        self.scored_if(fitted, |i| self.is_open(&self.candidates[i], terms))
+    }
+
+    fn scored_if<'b>(&'b self, fitted: &'b Fitted, counts: impl Fn(usize) -> bool) -> Scored<'b> {
+        let log_prior = |(i, own): (usize, &f64)| if counts(i) { *own } else { f64::NEG_INFINITY };
+        let log_priors = self.log_priors.iter().enumerate().map(log_prior).collect();
         let candidates: Vec<&Candidate> = self.candidates.iter().map(|s| &s.candidate).collect();
         Scored::new(fitted, candidates, self.groups(fitted), log_priors, None)
     }

@@ -97,9 +97,10 @@ impl Scored {
         all
     }
 
-    /// The least probability that noise alone gives a candidate its score.
-    pub fn least_p_value(&self, fit: &Fit) -> Option<f64> {
-        self.terms.iter().map(|e| e.p_value(&fit.residual, fit.dof())).min_by(f64::total_cmp)
+    /// The least probability that noise alone gives a candidate its score, of those that are no form of some effects.
+    pub fn least_p_value(&self, fit: &Fit, ruled_out: &[EffectRef]) -> Option<f64> {
+        let open = self.terms.iter().filter(|e| !ruled_out.contains(&e.term.effect));
+        open.map(|e| e.p_value(&fit.residual, fit.dof())).min_by(f64::total_cmp)
     }
 
     /// Probability that noise alone gives any candidate as small a probability.

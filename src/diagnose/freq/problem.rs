@@ -18,7 +18,7 @@ pub struct SineSearch<'a> {
     pub sines: &'a Sines,
     pub catalogue: &'a Catalogue,
     pub base: Fit,
-    /// Effects that did not predict what was held out.
+    /// Effects that are no longer looked for, since they did not predict what was held out; they are rivals of what is named in their place.
     pub ruled_out: Vec<EffectRef>,
 }
 
@@ -119,7 +119,7 @@ impl SineSearch<'_> {
     /// The candidates beside a model, if the best of them is no noise by its linear score.
     pub fn promising(&self, fit: &Fit, chosen: &[Term]) -> Option<Promising> {
         let scored = self.scored(fit, chosen);
-        let p_value = scored.least_p_value(fit)?;
+        let p_value = scored.least_p_value(fit, &self.ruled_out)?;
         if scored.corrected(p_value) >= Self::FALSE_ALARM {
             return None;
         }
@@ -129,27 +129,28 @@ impl SineSearch<'_> {
 
     /// The candidates beside a model with these terms.
     pub fn scored(&self, fit: &Fit, chosen: &[Term]) -> Scored {
-        let found: Vec<EffectRef> = chosen.iter().map(|t| t.term.effect).chain(self.ruled_out.iter().copied()).collect();
+        let found: Vec<EffectRef> = chosen.iter().map(|t| t.term.effect).collect();
         Scored::new(fit, self.sines, self.catalogue, &found, Self::FALSE_ALARM)
     }
 
-    /// The best candidate, if it is no noise when all parameters are fitted.
+    /// The best candidate that is looked for, if it is no noise when all parameters are fitted.
     fn most_evident(&self, fit: &Fit, promising: &Promising) -> Option<Term> {
         let Promising { scored, p_value, refined } = promising;
-        let (best, rivals) = refined.split_first()?;
+        let best = refined.iter().find(|r| !self.ruled_out.contains(&r.effect()))?;
+        let rivals = || refined.iter().filter(|r| r.effect() != best.effect());
         if scored.corrected(fit.p_value_of(&best.fit)) >= Self::FALSE_ALARM {
             return None;
         }
         let noise = (best.fit.chi2 / best.fit.dof()).max(1.0);
-        let is_near = |r: &&Refined| r.aicc - best.aicc < APART_AICC && r.effect() != best.effect();
+        let is_near = |r: &&Refined| r.aicc - best.aicc < APART_AICC;
         let runner_up = |r: &Refined| RunnerUp {
             effect: r.effect().to_string(),
             log_ratio: 0.5 * (best.aicc - r.aicc),
             correlation: fit.correlation(best, r, self.sines),
         };
         let in_time = in_time::rival(fit, best, self.sines);
-        let ambiguous = rivals.iter().filter(is_near).map(Refined::effect).chain(in_time.as_ref().map(|_| UNKNOWN)).collect();
-        let mut runners_up: Vec<RunnerUp> = rivals.iter().map(runner_up).chain(in_time).collect();
+        let ambiguous = rivals().filter(is_near).map(Refined::effect).chain(in_time.as_ref().map(|_| UNKNOWN)).collect();
+        let mut runners_up: Vec<RunnerUp> = rivals().map(runner_up).chain(in_time).collect();
         runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
         Some(Term {
             term: best.term.clone(),

@@ -77,8 +77,11 @@ pub struct Means<'a> {
     pub given: Vec<Candidate>,
     /// Candidates.
     pub candidates: Vec<Candidate>,
-    /// Logarithm of the prior of each; minus infinity for those that are not looked for.
+    /// Logarithm of the prior of each; minus infinity for those that are looked for elsewhere.
     pub log_priors: Vec<f64>,
+    /// Those that are no longer looked for, since they did not predict. They are rivals of what is named in their place: its twin would
+    /// stand alone.
+    ruled_out: Vec<bool>,
     /// Effects without a candidate.
     pub absent: Vec<Absent>,
     correlations: Correlations,
@@ -132,7 +135,8 @@ impl<'a> Means<'a> {
         let trend_order = Some(prepared.record.trend_order);
         let log_priors = explanations::log_priors(candidates.iter(), |effect| effect.prior(trend_order));
         let correlations = Correlations::new(noise_rows(&prepared.record, &prepared.white, prepared.inside));
-        Self { prepared, readings, given, candidates, log_priors, absent, correlations, last: Mutex::default() }
+        let ruled_out = vec![false; candidates.len()];
+        Self { prepared, readings, given, candidates, log_priors, ruled_out, absent, correlations, last: Mutex::default() }
     }
 
     /// Noise of this run in another one that could be measured.
@@ -140,7 +144,7 @@ impl<'a> Means<'a> {
         self.correlations.at(noise_rows(&next.record, &next.white, self.prepared.inside)).known(noise)
     }
 
-    /// Leaves candidates out: they are looked for elsewhere, or did not predict.
+    /// Leaves candidates out that are looked for elsewhere.
     pub fn leave_out(&mut self, which: impl Fn(&Candidate) -> bool) {
         let left_out = self.log_priors.iter_mut().zip(&self.candidates).filter(|(_, c)| which(c));
         left_out.for_each(|(log_prior, _)| *log_prior = f64::NEG_INFINITY);
@@ -258,15 +262,30 @@ impl<'a> Means<'a> {
         model.fitted.group(&self.whiten(&model.noise, &candidate.columns))
     }
 
-    /// All candidates scored beside a model.
+    /// Whether a candidate is looked for.
+    fn is_searched(&self, index: usize) -> bool {
+        self.log_priors[index].is_finite() && !self.ruled_out[index]
+    }
+
+    /// The candidates that are looked for, scored beside a model.
     pub(super) fn scored<'b>(&'b self, model: &'b MeansModel) -> Scored<'b> {
         self.scored_with(model, self.groups(model))
     }
 
     /// The same with what the model leaves of them.
-    pub(super) fn scored_with<'b>(&'b self, model: &'b MeansModel, groups: Vec<Group>) -> Scored<'b> {
+    fn scored_with<'b>(&'b self, model: &'b MeansModel, groups: Vec<Group>) -> Scored<'b> {
+        let log_prior = |(i, prior): (usize, &f64)| if self.ruled_out[i] { f64::NEG_INFINITY } else { *prior };
+        self.scored_by(model, groups, self.log_priors.iter().enumerate().map(log_prior).collect())
+    }
+
+    /// All candidates scored beside a model as rivals of one that was chosen: those that were ruled out may be what it stands for.
+    fn scored_as_rivals<'b>(&'b self, model: &'b MeansModel) -> Scored<'b> {
+        self.scored_by(model, self.groups(model), self.log_priors.clone())
+    }
+
+    fn scored_by<'b>(&'b self, model: &'b MeansModel, groups: Vec<Group>, log_priors: Vec<f64>) -> Scored<'b> {
         let trend_order = Some(self.prepared.record.trend_order);
-        Scored::new(&model.fitted, self.candidates.iter().collect(), groups, self.log_priors.clone(), trend_order)
+        Scored::new(&model.fitted, self.candidates.iter().collect(), groups, log_priors, trend_order)
     }
 }
 

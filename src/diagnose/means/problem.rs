@@ -121,7 +121,9 @@ impl Problem for Means<'_> {
     /// The whole form: its other axes and shapes are alike.
     fn rule_out(&mut self, term: &Term) {
         let Candidate { key, spec, .. } = &term.candidate;
-        self.leave_out(|c| c.key == *key && c.spec.form == spec.form);
+        for (is_out, candidate) in self.ruled_out.iter_mut().zip(&self.candidates) {
+            *is_out |= candidate.key == *key && candidate.spec.form == spec.form;
+        }
     }
 
     fn belong_together(&self, earlier: &Term, last: &Term) -> bool {
@@ -243,7 +245,7 @@ impl Means<'_> {
         let scored = self.scored_with(white, groups);
         let is_tried = |i: &usize| {
             let candidate = &self.candidates[*i];
-            !candidate.effect.is_unknown() && self.log_priors[*i].is_finite() && now.iter().all(|c| c.key != candidate.key)
+            !candidate.effect.is_unknown() && self.is_searched(*i) && now.iter().all(|c| c.key != candidate.key)
         };
         let open: Vec<usize> = (0..self.candidates.len()).filter(is_tried).collect();
         let prior: f64 = open.iter().map(|i| self.log_priors[*i].exp()).sum();
