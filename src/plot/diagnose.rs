@@ -5,7 +5,7 @@ use super::rows::shades;
 use super::{Band, CellRow, Figure, Marks, Panel, Scale, Series, Style};
 use crate::data::units::Scale::{Calibrated, Engineering};
 use crate::data::units::{COMPONENTS, three_digits};
-use crate::diagnose::result::{Branches, Diagnosis, Evidence, InsideMap, Map, Place, Step};
+use crate::diagnose::result::{Branches, Diagnosis, Evidence, InsideMap, Map, Place, Step, VerdictKind};
 use crate::model::effects::GAIN_WITH;
 
 /// Steps that have figures; a run has fewer effects.
@@ -318,7 +318,11 @@ fn bars(diagnosis: &Diagnosis, step: &Step, evidence: &Evidence) -> Figure {
 fn left(diagnosis: &Diagnosis) -> Option<Named> {
     let maps = &diagnosis.pictures.left;
     let first = maps.first()?;
-    let what = if diagnosis.steps.is_empty() { "no missing effect" } else { "what is left with all effects" };
+    let what = match diagnosis.verdict_kind {
+        VerdictKind::None => "no missing effect",
+        VerdictKind::Found => "what is left with all effects",
+        VerdictKind::Undecided => "more than noise is left, no effect is named",
+    };
     let figure = Figure {
         title: format!("{}: {what}", subject(diagnosis)),
         caption: format!(

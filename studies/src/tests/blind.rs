@@ -10,7 +10,9 @@ use blind::report::report;
 use blind::score::{Purpose, Score, Share, family, plan, plan_from, run};
 use blind::sensor::{CleanRun, Kind, Sensor};
 use blind::{Amplitude, Blind, Options, Verdict, VerdictStep, effects, judge, picture, poles};
+use calfit::diagnose::candidate::{Accepted, Threshold};
 use calfit::diagnose::means::Means;
+use calfit::diagnose::problem::Problem;
 use calfit::fit::statistics::central_median;
 use calfit::model::effects::Catalogue;
 use calfit::record::plan::Plan;
@@ -432,6 +434,36 @@ fn predictions_fail_where_an_effect_is_missing() {
     }
     let mean = silent.iter().sum::<f64>() / silent.len() as f64;
     assert!((mean - 1.0).abs() < 0.14, "{silent:?}");
+}
+
+/// A cube that was ruled out is named no more, but what is named in its place may be it.
+#[test]
+fn what_was_ruled_out_stays_a_rival() {
+    for seed in 0..4 {
+        let options = Options {
+            effects: vec!["cubic_nonlinearity".to_owned()],
+            strength_k: 50.0,
+            noise: Some(Family::White),
+            ..Options::default()
+        };
+        let prepared = judge::prepared(&generate(seed, Kind::Lin, &options).unwrap()).unwrap();
+        let mut means = Means::new(&prepared, prepared.readings.clone(), &Catalogue::default(), Vec::new());
+        let without = means.fitted(&[]).unwrap();
+        let forms = means.candidates.iter().filter(|c| c.effect.as_str() == "cubic_nonlinearity").cloned();
+        for candidate in forms.collect::<Vec<_>>() {
+            means.rule_out(&Accepted { candidate, p_global: 0.0, trials: 1, threshold: Threshold::Strength(4.0) });
+        }
+        let named = means.evident(&without, &[]).unwrap();
+        assert!(!named.is_empty() && named.iter().all(|t| t.candidate.effect.as_str() != "cubic_nonlinearity"), "seed {seed}");
+        let first = &named[..1];
+        let facts = means.describe(&means.fitted(first).unwrap(), first, 0, 1).facts;
+        assert!(
+            facts.ambiguous_with.iter().any(|e| e.as_str() == "cubic_nonlinearity"),
+            "seed {seed}: {:?}",
+            facts.ambiguous_with
+        );
+        assert!(!facts.is_certain(), "seed {seed}");
+    }
 }
 
 /// A thermistor that jumps is a fault of the data; nothing is made up to explain the readings with its temperatures.
