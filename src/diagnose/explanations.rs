@@ -67,6 +67,12 @@ pub fn log_priors<'a>(candidates: impl Iterator<Item = &'a Candidate> + Clone, p
     candidates.clone().map(of).collect()
 }
 
+/// Whether a term of this chi square may be another explanation that was ruled out, by their canonical correlation: what the other one leaves of
+/// its evidence does not tell them apart. One that explains something else as well, or only that, is no rival.
+pub fn may_be_other(chi_square: f64, correlation: f64) -> bool {
+    0.5 * chi_square * (1.0 - correlation * correlation) < APART
+}
+
 /// All candidates beside a model.
 pub struct Scored<'a> {
     fitted: &'a Fitted,
@@ -253,5 +259,18 @@ impl Scored<'_> {
         let rivals = self.explanations.iter().filter(|e| e.key != key && e.evidence > 0.0).take(BARS);
         let named = std::iter::once((key.to_owned(), evidence));
         Evidence { step, bars: named.chain(rivals.map(|e| (e.key.clone(), e.evidence))).collect(), apart: APART }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Columns that are alike ([`ALIKE`]) are just told apart at a signal to noise ratio of twenty; at right angles nothing stands for anything.
+    #[test]
+    fn what_is_alike_may_be_the_other_one_up_to_a_ratio_of_twenty() {
+        let may_be = |k: f64, correlation| may_be_other(k * k, correlation);
+        assert!(may_be(20.0, ALIKE) && !may_be(22.0, ALIKE));
+        assert!(may_be(80.0, 1.0) && !may_be(5.0, 0.0));
     }
 }

@@ -75,8 +75,8 @@ pub(super) fn describe(comparison: &Comparison, fitted: &Fitted, chosen: &[Term]
     let (candidate, others) = (terms[index], others(&terms, index));
     let scales = set.scales(fitted);
     let without = set.fitted(&others);
-    let scored = comparison.scored_as_rivals(&without, &others);
     let own_group = set.group(&without, candidate);
+    let scored = comparison.scored_as_rivals(&without, &others, &own_group);
     let rivals = scored.rivals(candidate, &own_group);
     let score = rivals.score;
     let is_unknown = candidate.effect.is_unknown();

@@ -133,19 +133,23 @@ impl<'a> Comparison<'a> {
 
     /// The candidates that are looked for, scored beside a model with these terms.
     fn scored<'b>(&'b self, fitted: &'b Fitted, terms: &[&RunCandidate]) -> Scored<'b> {
-        self.scored_if(fitted, |i| self.is_open(&self.candidates[i], terms) && !self.ruled_out[i])
+        self.scored_if(fitted, terms, |_| false)
     }
 
-    /// The same with those that were ruled out, which may be what a term stands for.
-    pub fn scored_as_rivals<'b>(&'b self, fitted: &'b Fitted, terms: &[&RunCandidate]) -> Scored<'b> {
-        self.scored_if(fitted, |i| self.is_open(&self.candidates[i], terms))
+    /// The same as rivals of one that was chosen: those that were ruled out as well, where it may stand for them.
+    pub fn scored_as_rivals<'b>(&'b self, fitted: &'b Fitted, terms: &[&RunCandidate], chosen: &Group) -> Scored<'b> {
+        let chi_square = fitted.score(chosen).chi_square;
+        self.scored_if(fitted, terms, |other| explanations::may_be_other(chi_square, Fitted::correlation(other, chosen)))
     }
 
-    fn scored_if<'b>(&'b self, fitted: &'b Fitted, counts: impl Fn(usize) -> bool) -> Scored<'b> {
-        let log_prior = |(i, own): (usize, &f64)| if counts(i) { *own } else { f64::NEG_INFINITY };
+    /// Candidates scored beside a model with these terms; of those that were ruled out the ones that count.
+    fn scored_if<'b>(&'b self, fitted: &'b Fitted, terms: &[&RunCandidate], counts: impl Fn(&Group) -> bool) -> Scored<'b> {
+        let groups = self.groups(fitted);
+        let is_scored = |i: usize| self.is_open(&self.candidates[i], terms) && (!self.ruled_out[i] || counts(&groups[i]));
+        let log_prior = |(i, own): (usize, &f64)| if is_scored(i) { *own } else { f64::NEG_INFINITY };
         let log_priors = self.log_priors.iter().enumerate().map(log_prior).collect();
         let candidates: Vec<&Candidate> = self.candidates.iter().map(|s| &s.candidate).collect();
-        Scored::new(fitted, candidates, self.groups(fitted), log_priors, None)
+        Scored::new(fitted, candidates, groups, log_priors, None)
     }
 
     /// The most evident term beside others, if it is no noise.

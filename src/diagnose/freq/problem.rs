@@ -5,6 +5,7 @@ use super::model::{EffectTerm, Fit};
 use super::sines::Sines;
 use super::{STRETCH, describe, in_time};
 use crate::diagnose::APART;
+use crate::diagnose::explanations::may_be_other;
 use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::diagnose::result::RunnerUp;
 use crate::diagnose::steps::Significance;
@@ -137,7 +138,9 @@ impl SineSearch<'_> {
     fn most_evident(&self, fit: &Fit, promising: &Promising) -> Option<Term> {
         let Promising { scored, p_value, refined } = promising;
         let best = refined.iter().find(|r| !self.ruled_out.contains(&r.effect()))?;
-        let rivals = || refined.iter().filter(|r| r.effect() != best.effect());
+        let may_be = |r: &Refined| may_be_other(fit.chi2 - best.fit.chi2, fit.correlation(best, r, self.sines));
+        let is_rival = |r: &&Refined| r.effect() != best.effect() && (!self.ruled_out.contains(&r.effect()) || may_be(r));
+        let rivals = || refined.iter().filter(is_rival);
         if scored.corrected(fit.p_value_of(&best.fit)) >= Self::FALSE_ALARM {
             return None;
         }

@@ -84,8 +84,8 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let candidate = all[at];
     let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != at).map(|(_, c)| *c).collect();
     let without = means.model_beside(model, &others);
-    let scored = means.scored_as_rivals(&without);
     let own_group = means.group(&without, candidate);
+    let scored = means.scored_as_rivals(&without, &own_group);
     let rivals = scored.rivals(candidate, &own_group);
     let score = rivals.score;
     let values = model.estimates(means, &all).get(at).cloned().unwrap_or_default();
