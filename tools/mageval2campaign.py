@@ -35,14 +35,14 @@ KELVIN = 273.15
 
 def table(path: Path) -> np.ndarray:
     """Time in s since the first reading, field and reading in nT, temperature in degC."""
-    with path.open(newline="") as lines:
+    with path.open(newline="", encoding="ascii") as lines:
         for number, line in enumerate(csv.reader(lines), start=1):
             try:
                 ok = len([float(value) for value in line]) == COLUMNS
             except ValueError:
                 ok = False
             if not ok:
-                raise SystemExit(f"error: {path}, line {number}: {','.join(line)!r}: a line has {COLUMNS} numbers")
+                raise ValueError(f"{path}, line {number}: {','.join(line)!r}: a line has {COLUMNS} numbers")
     rows = np.loadtxt(path, delimiter=",", ndmin=2)
     rows[:, 1:7] *= NT_PER_UT
     rows[:, 7] -= KELVIN
@@ -120,7 +120,7 @@ def main() -> None:
     options = parser.parse_args()
     try:
         rows = table(options.table)
-    except OSError as error:
+    except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     groups = plateaus(rows, options.each)
