@@ -67,10 +67,11 @@ pub fn log_priors<'a>(candidates: impl Iterator<Item = &'a Candidate> + Clone, p
     candidates.clone().map(of).collect()
 }
 
-/// Whether a term of this chi square may be another explanation that was ruled out, by their canonical correlation: what the other one leaves of
-/// its evidence does not tell them apart. One that explains something else as well, or only that, is no rival.
-pub fn may_be_other(chi_square: f64, correlation: f64) -> bool {
-    0.5 * chi_square * (1.0 - correlation * correlation) < APART
+/// Whether a chosen term may stand for another explanation, one that was ruled out: what is left of it beside the other one does not tell them
+/// apart. An explanation of something else is no rival.
+pub fn may_be(fitted: &Fitted, chosen: &Group, other: &Group) -> bool {
+    let [of_both, of_other] = [&fitted.both(other, chosen), other].map(|group| fitted.score(group).chi_square);
+    0.5 * (of_both - of_other) < APART
 }
 
 /// All candidates beside a model.
@@ -265,12 +266,16 @@ impl Scored<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::{DMatrix, DVector};
 
-    /// Columns that are alike ([`ALIKE`]) are just told apart at a signal to noise ratio of twenty; at right angles nothing stands for anything.
+    /// A wave of forty standard deviations, named for one of nearly the same frequency: the true one takes all of it. One of another frequency, which is
+    /// in the readings as well, takes nothing.
     #[test]
-    fn what_is_alike_may_be_the_other_one_up_to_a_ratio_of_twenty() {
-        let may_be = |k: f64, correlation| may_be_other(k * k, correlation);
-        assert!(may_be(20.0, ALIKE) && !may_be(22.0, ALIKE));
-        assert!(may_be(80.0, 1.0) && !may_be(5.0, 0.0));
+    fn a_term_may_be_what_takes_all_of_it() {
+        let wave = |turns: f64, i: usize| (turns * i as f64).cos();
+        let readings = DVector::from_fn(300, |i, _| (1.7 * (i * i) as f64).sin() + 3.0 * wave(0.3, i) + 5.0 * wave(1.1, i));
+        let fitted = Fitted::new(&readings, &DMatrix::from_element(300, 1, 1.0), [0, 100, 200, 300]);
+        let [truth, near, other] = [0.3, 0.304, 1.1].map(|turns| fitted.group(&DMatrix::from_fn(300, 1, |i, _| wave(turns, i))));
+        assert!(may_be(&fitted, &near, &truth) && !may_be(&fitted, &truth, &other) && !may_be(&fitted, &truth, &near));
     }
 }

@@ -138,8 +138,7 @@ impl<'a> Comparison<'a> {
 
     /// The same as rivals of one that was chosen: those that were ruled out as well, where it may stand for them.
     pub fn scored_as_rivals<'b>(&'b self, fitted: &'b Fitted, terms: &[&RunCandidate], chosen: &Group) -> Scored<'b> {
-        let chi_square = fitted.score(chosen).chi_square;
-        self.scored_if(fitted, terms, |other| explanations::may_be_other(chi_square, Fitted::correlation(other, chosen)))
+        self.scored_if(fitted, terms, |other| explanations::may_be(fitted, chosen, other))
     }
 
     /// Candidates scored beside a model with these terms; of those that were ruled out the ones that count.

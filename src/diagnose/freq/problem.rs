@@ -5,7 +5,6 @@ use super::model::{EffectTerm, Fit};
 use super::sines::Sines;
 use super::{STRETCH, describe, in_time};
 use crate::diagnose::APART;
-use crate::diagnose::explanations::may_be_other;
 use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::diagnose::result::RunnerUp;
 use crate::diagnose::steps::Significance;
@@ -138,13 +137,17 @@ impl SineSearch<'_> {
     fn most_evident(&self, fit: &Fit, promising: &Promising) -> Option<Term> {
         let Promising { scored, p_value, refined } = promising;
         let best = refined.iter().find(|r| !self.ruled_out.contains(&r.effect()))?;
-        let may_be = |r: &Refined| may_be_other(fit.chi2 - best.fit.chi2, fit.correlation(best, r, self.sines));
+        let noise = (best.fit.chi2 / best.fit.dof()).max(1.0);
+        // What was ruled out is a rival where little of the best one is left beside it.
+        let may_be = |r: &Refined| {
+            let both = r.fit.with(&best.term, &best.fit.p[fit.p.len()..], self.sines);
+            both.is_none_or(|both| (r.fit.chi2 - both.chi2) / noise < APART_AICC)
+        };
         let is_rival = |r: &&Refined| r.effect() != best.effect() && (!self.ruled_out.contains(&r.effect()) || may_be(r));
         let rivals = || refined.iter().filter(is_rival);
         if scored.corrected(fit.p_value_of(&best.fit)) >= Self::FALSE_ALARM {
             return None;
         }
-        let noise = (best.fit.chi2 / best.fit.dof()).max(1.0);
         let is_near = |r: &&Refined| r.aicc - best.aicc < APART_AICC;
         let runner_up = |r: &Refined| RunnerUp {
             effect: r.effect().to_string(),

@@ -280,10 +280,8 @@ impl<'a> Means<'a> {
 
     /// Candidates scored beside a model as rivals of one that was chosen: those that were ruled out as well, where it may stand for them.
     fn scored_as_rivals<'b>(&'b self, model: &'b MeansModel, chosen: &Group) -> Scored<'b> {
-        let chi_square = model.fitted.score(chosen).chi_square;
         let groups = self.groups(model);
-        let counts =
-            |i: usize| !self.ruled_out[i] || explanations::may_be_other(chi_square, Fitted::correlation(&groups[i], chosen));
+        let counts = |i: usize| !self.ruled_out[i] || explanations::may_be(&model.fitted, chosen, &groups[i]);
         let log_prior = |(i, prior): (usize, &f64)| if counts(i) { *prior } else { f64::NEG_INFINITY };
         let log_priors = self.log_priors.iter().enumerate().map(log_prior).collect();
         self.scored_by(model, groups, log_priors)
