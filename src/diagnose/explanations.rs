@@ -20,6 +20,8 @@ pub const SHARE: f64 = 3.0;
 /// Real curves differ from their formulas by a tenth to a fifth of the effect: in reports/blind-study.md that is four to ten standard deviations
 /// at k = 50. Curves of one family with this canonical correlation differ from each other by less than half of it, not much more than that.
 const FAMILY_TWIN: f64 = 0.9;
+/// A term of which another one leaves less than this part of its strength may stand for it.
+const LITTLE: f64 = 0.5;
 /// Rivals of a term that are listed.
 const RUNNERS_UP: usize = 5;
 /// Rivals of a term whose evidence is drawn.
@@ -67,11 +69,16 @@ pub fn log_priors<'a>(candidates: impl Iterator<Item = &'a Candidate> + Clone, p
     candidates.clone().map(of).collect()
 }
 
-/// Whether a chosen term may stand for another explanation, one that was ruled out: what is left of it beside the other one does not tell them
-/// apart. An explanation of something else is no rival.
+/// Whether a term may stand for another explanation, one that was ruled out: beside that one so little of the chi square of the term is left that it
+/// does not tell them apart, or less than real curves differ from their formulas. Beside an explanation of something else all of it is.
+pub fn stands_for(chi_square: f64, left: f64) -> bool {
+    left < (2.0 * APART).max(LITTLE * LITTLE * chi_square)
+}
+
+/// The same for groups beside a model.
 pub fn may_be(fitted: &Fitted, chosen: &Group, other: &Group) -> bool {
-    let [of_both, of_other] = [&fitted.both(other, chosen), other].map(|group| fitted.score(group).chi_square);
-    0.5 * (of_both - of_other) < APART
+    let [of_chosen, of_other, of_both] = [chosen, other, &fitted.both(other, chosen)].map(|g| fitted.score(g).chi_square);
+    stands_for(of_chosen, of_both - of_other)
 }
 
 /// All candidates beside a model.
@@ -268,8 +275,8 @@ mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector};
 
-    /// A wave of forty standard deviations, named for one of nearly the same frequency: the true one takes all of it. One of another frequency, which is
-    /// in the readings as well, takes nothing.
+    /// A wave that was named for one of nearly the same frequency: the true one takes all of it. One of another frequency, which is in the readings as
+    /// well, takes nothing.
     #[test]
     fn a_term_may_be_what_takes_all_of_it() {
         let wave = |turns: f64, i: usize| (turns * i as f64).cos();

@@ -5,6 +5,7 @@ use super::model::{EffectTerm, Fit};
 use super::sines::Sines;
 use super::{STRETCH, describe, in_time};
 use crate::diagnose::APART;
+use crate::diagnose::explanations::stands_for;
 use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::diagnose::result::RunnerUp;
 use crate::diagnose::steps::Significance;
@@ -141,7 +142,7 @@ impl SineSearch<'_> {
         // What was ruled out is a rival where little of the best one is left beside it.
         let may_be = |r: &Refined| {
             let both = r.fit.with(&best.term, &best.fit.p[fit.p.len()..], self.sines);
-            both.is_none_or(|both| (r.fit.chi2 - both.chi2) / noise < APART_AICC)
+            both.is_none_or(|both| stands_for((fit.chi2 - best.fit.chi2) / noise, (r.fit.chi2 - both.chi2) / noise))
         };
         let is_rival = |r: &&Refined| r.effect() != best.effect() && (!self.ruled_out.contains(&r.effect()) || may_be(r));
         let rivals = || refined.iter().filter(is_rival);
