@@ -65,8 +65,7 @@ def plateaus(rows: np.ndarray, each: bool) -> list[np.ndarray]:
     return [group for group in groups if len(group) >= LEAST_READINGS]
 
 
-def run_text(rows: np.ndarray, groups: list[np.ndarray]) -> str:
-    start = datetime.fromtimestamp(int(rows[0, 0]), UTC)
+def run_text(start: datetime, rows: np.ndarray, groups: list[np.ndarray]) -> str:
     lines = [
         "CCR 1",
         f'run = "{start:%y-%m-%d_%H-%M-%S}"',
@@ -127,7 +126,7 @@ def main() -> None:
     start = datetime.fromtimestamp(int(rows[0, 0]), UTC)
     folder = options.out / f"{start:%y-%m-%d}"
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / f"{start:%H-%M-%S}.CCR").write_text(run_text(rows, groups))
+    (folder / f"{start:%H-%M-%S}.CCR").write_text(run_text(start, rows, groups))
     (options.out / "campaign.toml").write_text("")
     left = " and ".join(f"{held_out_nt(groups, warm):.0f}" for warm in (False, True))
     print(f"{len(groups)} plateaus; fits of 12 and 24 parameters leave {left} nT of stretches that are held out")

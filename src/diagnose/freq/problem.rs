@@ -138,6 +138,9 @@ impl SineSearch<'_> {
     fn most_evident(&self, fit: &Fit, promising: &Promising) -> Option<Term> {
         let Promising { scored, p_value, refined } = promising;
         let best = refined.iter().find(|r| !self.ruled_out.contains(&r.effect()))?;
+        if scored.corrected(fit.p_value_of(&best.fit)) >= Self::FALSE_ALARM {
+            return None;
+        }
         let noise = (best.fit.chi2 / best.fit.dof()).max(1.0);
         // What was ruled out is a rival where little of the best one is left beside it.
         let may_be = |r: &Refined| {
@@ -145,19 +148,16 @@ impl SineSearch<'_> {
             both.is_none_or(|both| stands_for((fit.chi2 - best.fit.chi2) / noise, (r.fit.chi2 - both.chi2) / noise))
         };
         let is_rival = |r: &&Refined| r.effect() != best.effect() && (!self.ruled_out.contains(&r.effect()) || may_be(r));
-        let rivals = || refined.iter().filter(is_rival);
-        if scored.corrected(fit.p_value_of(&best.fit)) >= Self::FALSE_ALARM {
-            return None;
-        }
-        let is_near = |r: &&Refined| r.aicc - best.aicc < APART_AICC;
+        let rivals: Vec<&Refined> = refined.iter().filter(is_rival).collect();
+        let is_near = |r: &&&Refined| r.aicc - best.aicc < APART_AICC;
         let runner_up = |r: &Refined| RunnerUp {
             effect: r.effect().to_string(),
             log_ratio: 0.5 * (best.aicc - r.aicc),
             correlation: fit.correlation(best, r, self.sines),
         };
         let in_time = in_time::rival(fit, best, self.sines);
-        let ambiguous = rivals().filter(is_near).map(Refined::effect).chain(in_time.as_ref().map(|_| UNKNOWN)).collect();
-        let mut runners_up: Vec<RunnerUp> = rivals().map(runner_up).chain(in_time).collect();
+        let ambiguous = rivals.iter().filter(is_near).map(|r| r.effect()).chain(in_time.as_ref().map(|_| UNKNOWN)).collect();
+        let mut runners_up: Vec<RunnerUp> = rivals.iter().copied().map(runner_up).chain(in_time).collect();
         runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
         Some(Term {
             term: best.term.clone(),

@@ -274,20 +274,19 @@ impl<'a> Means<'a> {
 
     /// The same with what the model leaves of them.
     fn scored_with<'b>(&'b self, model: &'b MeansModel, groups: Vec<Group>) -> Scored<'b> {
-        let log_prior = |(i, prior): (usize, &f64)| if self.ruled_out[i] { f64::NEG_INFINITY } else { *prior };
-        self.scored_by(model, groups, self.log_priors.iter().enumerate().map(log_prior).collect())
+        self.scored_if(model, groups, |_| false)
     }
 
     /// Candidates scored beside a model as rivals of one that was chosen: those that were ruled out as well, where it may stand for them.
     fn scored_as_rivals<'b>(&'b self, model: &'b MeansModel, chosen: &Group) -> Scored<'b> {
-        let groups = self.groups(model);
-        let counts = |i: usize| !self.ruled_out[i] || explanations::may_be(&model.fitted, chosen, &groups[i]);
-        let log_prior = |(i, prior): (usize, &f64)| if counts(i) { *prior } else { f64::NEG_INFINITY };
-        let log_priors = self.log_priors.iter().enumerate().map(log_prior).collect();
-        self.scored_by(model, groups, log_priors)
+        self.scored_if(model, self.groups(model), |other| explanations::may_be(&model.fitted, chosen, other))
     }
 
-    fn scored_by<'b>(&'b self, model: &'b MeansModel, groups: Vec<Group>, log_priors: Vec<f64>) -> Scored<'b> {
+    /// Candidates scored beside a model; of those that were ruled out the ones that count.
+    fn scored_if<'b>(&'b self, model: &'b MeansModel, groups: Vec<Group>, counts: impl Fn(&Group) -> bool) -> Scored<'b> {
+        let is_scored = |i: usize| !self.ruled_out[i] || counts(&groups[i]);
+        let log_prior = |(i, prior): (usize, &f64)| if is_scored(i) { *prior } else { f64::NEG_INFINITY };
+        let log_priors = self.log_priors.iter().enumerate().map(log_prior).collect();
         let trend_order = Some(self.prepared.record.trend_order);
         Scored::new(&model.fitted, self.candidates.iter().collect(), groups, log_priors, trend_order)
     }

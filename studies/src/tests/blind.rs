@@ -411,22 +411,25 @@ fn what_may_be_the_low_pass_of_the_sensor_is_no_settling() {
     });
 }
 
+/// A linearity run with white noise and effects of k = 50.
+fn strong(seed: u64, effects: &[&str]) -> PreparedRun {
+    let effects = effects.iter().map(|name| (*name).to_owned()).collect();
+    let options = Options { effects, strength_k: 50.0, noise: Some(Family::White), ..Options::default() };
+    judge::prepared(&generate(seed, Kind::Lin, &options).unwrap()).unwrap()
+}
+
+fn means(prepared: &PreparedRun) -> Means<'_> {
+    Means::new(prepared, prepared.readings.clone(), &Catalogue::default(), Vec::new())
+}
+
 /// Beside the noise and the uncertainty of their predictions readings that were left out are off by chi square one, whether much or little is
 /// near them: of six runs with 1620 readings the mean is within four standard deviations of 0.035. An effect of k = 50 adds most of its 2500 to
 /// those 270 readings.
 #[test]
 fn predictions_fail_where_an_effect_is_missing() {
-    let of = |seed: u64, effects: &[&str]| {
-        let effects = effects.iter().map(|name| (*name).to_owned()).collect();
-        let options = Options { effects, strength_k: 50.0, noise: Some(Family::White), ..Options::default() };
-        judge::prepared(&generate(seed, Kind::Lin, &options).unwrap()).unwrap()
-    };
-    fn means(prepared: &PreparedRun) -> Means<'_> {
-        Means::new(prepared, prepared.readings.clone(), &Catalogue::default(), Vec::new())
-    }
     let mut silent = Vec::new();
     for seed in 0..6 {
-        let [without, with] = [of(seed, &[]), of(seed, &["cubic_nonlinearity"])];
+        let [without, with] = [strong(seed, &[]), strong(seed, &["cubic_nonlinearity"])];
         let noise = means(&without).model(&[]).unwrap().noise;
         silent.extend(means(&without).surprise(&noise, &[]));
         let missing: f64 = means(&with).surprise(&noise, &[]).iter().sum();
@@ -440,14 +443,8 @@ fn predictions_fail_where_an_effect_is_missing() {
 #[test]
 fn what_was_ruled_out_stays_a_rival() {
     for seed in 0..4 {
-        let options = Options {
-            effects: vec!["cubic_nonlinearity".to_owned()],
-            strength_k: 50.0,
-            noise: Some(Family::White),
-            ..Options::default()
-        };
-        let prepared = judge::prepared(&generate(seed, Kind::Lin, &options).unwrap()).unwrap();
-        let mut means = Means::new(&prepared, prepared.readings.clone(), &Catalogue::default(), Vec::new());
+        let prepared = strong(seed, &["cubic_nonlinearity"]);
+        let mut means = means(&prepared);
         let without = means.fitted(&[]).unwrap();
         let forms = means.candidates.iter().filter(|c| c.effect.as_str() == "cubic_nonlinearity").cloned();
         for candidate in forms.collect::<Vec<_>>() {
