@@ -1,6 +1,6 @@
 //! The description of a term of the plateau means.
 
-use super::{HeldOut, Means, MeansModel, Term, each_axis, in_time, thermistor};
+use super::{HeldOut, Means, MeansModel, Term, each_axis, in_time, memory, thermistor};
 use crate::data::units::{COMPONENTS, six_digits};
 use crate::diagnose::candidate::Candidate;
 use crate::diagnose::next::{self, Named};
@@ -9,18 +9,14 @@ use crate::diagnose::result::{Gap, Map, Parameter, Telling};
 use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape_parameters};
 use crate::diagnose::{APART, selection, words};
 use crate::fit::scan::Score;
-use crate::model::effects::sensitivity_step::SensitivityStep;
 use crate::model::effects::sensor_temperature_offset::SensorTemperatureOffset;
-use crate::model::effects::{Family, GAIN_WITH, Record, UNKNOWN};
+use crate::model::effects::{Family, GAIN_WITH, UNKNOWN};
 use crate::record::prepared::PreparedRun;
 use nalgebra::{DMatrix, DVector};
 use std::ops::Range;
 
 /// Rivals whose evidence (logarithm) is less than that of a term by more than this are not listed.
 pub const HOPELESS: f64 = 60.0;
-
-/// Settings over which a field that was the largest is remembered.
-const REMEMBERED: usize = 10;
 
 /// Of a term that does not rest on one row the others leave this part of its strength, or what noise makes less often than this.
 const LEAST_OF_OTHERS: f64 = 0.5;
@@ -130,6 +126,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let mut in_time = in_time::rivals(means, &without, candidate, &own_group, &score);
     in_time.extend(thermistor::rival(means, &without, (&others, candidate), &own_group, &score));
     let apart = each_axis::rival(means, &without, candidate, &own_group, &score);
+    let remembered = memory::rival(means, &without, candidate, &own_group, &score);
     let one_plateau_s = one_plateau_s(means, &without, (&others, candidate), &contribution, &score);
     // Why the name is not certain where no rival that is listed says it.
     let doubts = [
@@ -148,15 +145,13 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
             begins_beside_the_lag(means.prepared, candidate),
             "It begins where the thermistor, which is late or early, does not tell the temperature.",
         ),
-        (
-            begins_with_large_field(&means.prepared.record, candidate),
-            "It begins with the largest field for many settings: a hysteresis that remembers it looks the same.",
-        ),
     ];
     let doubts: Vec<&str> = doubts.into_iter().filter(|(is_so, _)| *is_so).map(|(_, why)| why).collect();
-    let is_doubted = has_near_rival || one_plateau_s.is_some() || !in_time.is_empty() || apart.is_some() || !doubts.is_empty();
+    let of_none = [&apart, &remembered].into_iter().flatten().map(|_| UNKNOWN);
+    let has_other = !in_time.is_empty() || apart.is_some() || remembered.is_some();
+    let is_doubted = has_near_rival || one_plateau_s.is_some() || has_other || !doubts.is_empty();
     let mut ambiguous_with = rivals.ambiguous();
-    for other in in_time.iter().map(|(effect, _)| *effect).chain(apart.iter().map(|_| UNKNOWN)) {
+    for other in in_time.iter().map(|(effect, _)| *effect).chain(of_none) {
         if !candidate.effect.is_unknown() && !ambiguous_with.contains(&other) {
             ambiguous_with.push(other);
         }
@@ -180,6 +175,9 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         remark
             .push_str(" The axes do not do it together: with a size of its own for each of them the data are described better.");
     }
+    if remembered.is_some() {
+        remark.push_str(" A hysteresis that remembers the largest field describes the data as well.");
+    }
     doubts.iter().for_each(|why| remark.push_str(&format!(" {why}")));
     let mut evidence = rivals.bars(number);
     let own = evidence.bars.first().map_or(score.evidence, |(_, own)| *own);
@@ -188,7 +186,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     if let Some((_, others)) = evidence.bars.split_first_mut() {
         others.sort_by(|a, b| b.1.total_cmp(&a.1));
     }
-    runners_up.extend(in_time.into_iter().map(|(_, r)| r).chain(apart));
+    runners_up.extend(in_time.into_iter().map(|(_, r)| r).chain(apart).chain(remembered));
     runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
     let facts = Facts {
         parameters,
@@ -293,24 +291,6 @@ fn begins_beside_the_lag(prepared: &PreparedRun, candidate: &Candidate) -> bool 
     let [begin_s, end_s] = prepared.record.span_s;
     let is_beside = |onset_s: f64| onset_s - begin_s < prepared.lag_s || end_s - onset_s < prepared.lag_s;
     prepared.lag_s > 0.0 && candidate.effect.begins_s(&candidate.spec).is_some_and(is_beside)
-}
-
-/// Whether something begins when a field is applied that is larger than those of many settings before: a hysteresis that remembers the largest
-/// field makes the same, but for a jump of the gain, which is no offset that is remembered.
-fn begins_with_large_field(record: &Record, candidate: &Candidate) -> bool {
-    if candidate.effect.is(&SensitivityStep) {
-        return false;
-    }
-    let Some(begin_s) = candidate.effect.begins_s(&candidate.spec) else { return false };
-    let next = record.rows.partition_point(|r| r.used_s[1] <= begin_s);
-    let is_large = |row: usize, axis: usize| {
-        let size = |i: usize| record.rows[i].linear_ent[axis].abs();
-        let before = row.saturating_sub(REMEMBERED)..row;
-        size(row) > 0.0 && before.len() == REMEMBERED && before.into_iter().all(|i| size(i) < size(row))
-    };
-    // The setting in which it begins, or the one before the pause in which it does.
-    let rows = next.saturating_sub(1)..(next + 1).min(record.rows.len());
-    rows.into_iter().any(|row| candidate.spec.axes.iter().any(|axis| is_large(row, *axis)))
 }
 
 /// By how much the shape of a term is another one in other forms of the effect that describe the data as well: the onset of a knee is higher than

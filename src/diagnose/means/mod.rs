@@ -9,6 +9,7 @@ mod each_axis;
 mod estimate;
 mod held_out;
 mod in_time;
+mod memory;
 mod problem;
 mod thermistor;
 

@@ -371,6 +371,25 @@ fn products_of_components_are_told_with_their_covariate() {
     });
 }
 
+/// A hysteresis that remembers the largest field of its axis, which fades, is in no catalogue: a jump of the offset or a memory of the setting before may
+/// come near it, and are not certain then. A jump that is none is.
+#[test]
+fn the_memory_of_the_largest_field_is_no_certain_step() {
+    let certain = |name: &str, strength_k: f64| -> Vec<(u64, String)> {
+        let options = Options { effects: vec![name.to_owned()], strength_k, ..Options::default() };
+        let of = |seed: u64| {
+            let verdict = judge::judge(&generate(seed, Kind::Lin, &options).unwrap());
+            let certain = verdict.steps.into_iter().filter(|s| s.confident && s.effect != "unknown");
+            certain.map(|s| (seed, s.effect)).collect::<Vec<_>>()
+        };
+        (8100..8108_u64).into_par_iter().flat_map(of).collect()
+    };
+    let of_hysteresis = certain("extreme", 20.0);
+    assert!(of_hysteresis.is_empty(), "{of_hysteresis:?}");
+    let of_steps = certain("offset_step", 30.0);
+    assert!(of_steps.len() >= 6 && of_steps.iter().all(|(_, effect)| effect == "offset_step"), "{of_steps:?}");
+}
+
 /// A wave is a drift although its period changes by up to 30 %.
 #[test]
 fn slow_waves_are_drifts() {
