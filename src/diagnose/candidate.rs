@@ -64,7 +64,8 @@ pub struct Accepted<C> {
     pub p_global: f64,
     /// Candidates that were tried.
     pub trials: usize,
-    /// The weakest effect that would have been accepted.
+    /// The weakest effect that would have been accepted with the noise that is left beside it: whether slow noise stands in for it is no matter of how
+    /// large noise made it.
     pub threshold: Threshold,
 }
 

@@ -40,6 +40,8 @@ pub struct Explanation {
     pub best: usize,
     /// Score of the best candidate.
     pub score: Score,
+    /// What of the evidence is lost since the noise is not known, a logarithm; zero while it is that of one noise.
+    pub lost: f64,
 }
 
 impl Explanation {
@@ -137,7 +139,7 @@ impl<'a> Scored<'a> {
             let (best, _, score) = own.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1))?;
             let favour = self.favour(self.candidates[best]);
             let evidence = log_sum(own.iter().map(|(_, evidence, _)| *evidence)) + favour;
-            Some(Explanation { key: key.to_owned(), evidence, favour, best, score })
+            Some(Explanation { key: key.to_owned(), evidence, favour, best, score, lost: 0.0 })
         };
         let mut all: Vec<Explanation> = keys.into_iter().zip(own).filter_map(explanation).collect();
         all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));

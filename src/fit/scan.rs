@@ -130,10 +130,13 @@ struct Unit {
 
 impl Unit {
     fn new(values: DVector<f64>) -> Self {
-        let is_not_zero = |v: &f64| *v != 0.0;
-        let begin = values.iter().position(is_not_zero).unwrap_or(0);
-        let end = values.iter().rposition(is_not_zero).map_or(begin, |last| last + 1);
-        Self { values, rows: begin..end }
+        let rows = extent(values.as_slice());
+        Self { values, rows }
+    }
+
+    /// Whether it shares rows with something that is zero outside of these.
+    fn meets(&self, rows: &Range<usize>) -> bool {
+        self.rows.start < rows.end && rows.start < self.rows.end
     }
 
     fn values(&self) -> &[f64] {
@@ -152,25 +155,43 @@ impl Unit {
     }
 }
 
+/// A column, copied as one block of memory: thousands of rows one by one take longer.
+fn copied(column: &DVectorView<f64>) -> DVector<f64> {
+    DVector::from_column_slice(column.as_slice())
+}
+
+/// Rows outside of which a column is zero.
+fn extent(column: &[f64]) -> Range<usize> {
+    let is_not_zero = |v: &f64| *v != 0.0;
+    let begin = column.iter().position(is_not_zero).unwrap_or(0);
+    begin..column.iter().rposition(is_not_zero).map_or(begin, |last| last + 1)
+}
+
 fn extend(base: &mut Vec<Unit>, columns: &DMatrix<f64>, of: Option<&DMatrix<f64>>, least: f64) {
     for (k, column) in columns.column_iter().enumerate() {
-        let mut rest = column.into_owned();
+        let mut rest = copied(&column);
         let norm = of.map_or_else(|| rest.norm(), |of| of.column(k).norm());
+        let mut rows = extent(rest.as_slice());
         for _ in 0..2 {
             for unit in base.iter() {
-                unit.take_off(unit.along(rest.as_slice()), rest.as_mut_slice());
+                if unit.meets(&rows) {
+                    unit.take_off(unit.along(rest.as_slice()), rest.as_mut_slice());
+                    rows = rows.start.min(unit.rows.start)..rows.end.max(unit.rows.end);
+                }
             }
         }
         if rest.norm() > least * norm && norm > 0.0 {
-            base.push(Unit::new(rest.normalize()));
+            rest.normalize_mut();
+            base.push(Unit::new(rest));
         }
     }
 }
 
 /// What a base leaves of a column.
 fn leave(base: &[Unit], column: &mut [f64]) {
-    let along: Vec<f64> = base.iter().map(|unit| unit.along(column)).collect();
-    base.iter().zip(along).for_each(|(unit, along)| unit.take_off(along, column));
+    let rows = extent(column);
+    let along: Vec<(&Unit, f64)> = base.iter().filter(|unit| unit.meets(&rows)).map(|unit| (unit, unit.along(column))).collect();
+    along.into_iter().for_each(|(unit, along)| unit.take_off(along, column));
 }
 
 fn joined(base: &[Unit], rows: usize) -> DMatrix<f64> {
@@ -264,7 +285,7 @@ impl Fitted {
     /// Two groups beside this model as one; what is left of a column beside the others is not known.
     #[must_use]
     pub fn both(&self, first: &Group, second: &Group) -> Group {
-        let mut units: Vec<Unit> = first.base.column_iter().map(|column| Unit::new(column.into_owned())).collect();
+        let mut units: Vec<Unit> = first.base.column_iter().map(|column| Unit::new(copied(&column))).collect();
         extend(&mut units, &second.base, None, 1e-6);
         let base = joined(&units, self.residual.len());
         let surviving = base.columns_range(first.count()..).tr_mul(&second.base).norm() / (second.count().max(1) as f64).sqrt();

@@ -226,7 +226,11 @@ impl Residuals {
 }
 
 /// Least squares with columns of very different size: the shortest solution with the `first` columns, and the covariance with all of them.
-fn solution(all: &DMatrix<f64>, first: &DMatrix<f64>, readings: &DVector<f64>) -> Option<(DVector<f64>, DMatrix<f64>)> {
+pub(super) fn solution(
+    all: &DMatrix<f64>,
+    first: &DMatrix<f64>,
+    readings: &DVector<f64>,
+) -> Option<(DVector<f64>, DMatrix<f64>)> {
     let sizes: Vec<f64> = all.column_iter().map(|c| c.norm().max(f64::MIN_POSITIVE)).collect();
     let scaled = DMatrix::from_fn(all.nrows(), all.ncols(), |i, j| all[(i, j)] / sizes[j]);
     // The triangle has the singular values of the columns, and is small.

@@ -170,9 +170,17 @@ impl<'a> Means<'a> {
         let n = self.rows();
         let mut out = stacked.clone();
         for a in 0..3 {
-            let mut part = out.rows(a * n, n).into_owned();
+            let of_component = |column: usize| 3 * n * column + a * n..3 * n * column + (a + 1) * n;
+            let all: Vec<&[f64]> = (0..stacked.ncols()).map(|column| &stacked.as_slice()[of_component(column)]).collect();
+            // Most columns act on one component.
+            if all.iter().all(|column| column.iter().all(|v| *v == 0.0)) {
+                continue;
+            }
+            let mut part = DMatrix::from_vec(n, all.len(), all.concat());
             noise.whiten(a, &mut part);
-            out.rows_mut(a * n, n).copy_from(&part);
+            for (column, whitened) in part.as_slice().chunks_exact(n).enumerate() {
+                out.as_mut_slice()[of_component(column)].copy_from_slice(whitened);
+            }
         }
         out
     }

@@ -208,7 +208,7 @@ impl Means<'_> {
                 candidate: self.refined(model, &self.candidates[best.best]),
                 p_global: evident.p_global,
                 trials: evident.trials,
-                threshold: Threshold::Part(best.score.part_for(evident.margin)),
+                threshold: Threshold::Part(best.score.part_for(evident.margin + best.lost)),
             })
         });
         Look { averaged, evident, noises, white: white.zip(groups) }
@@ -300,7 +300,8 @@ impl Means<'_> {
             let of = |n: usize| noises[n].1 + scores[n][k].evidence_of_any_size();
             of(*a).total_cmp(&of(*b))
         })?;
-        let part = scores[most][k].part_for(evident.margin);
+        let lost = scores[most][k].evidence_of_any_size() + log_prior(&ranked[k].1) - evidence;
+        let part = scores[most][k].part_for(evident.margin + lost.max(0.0));
         Some(ranked[k].1.map(|i| Term {
             candidate: self.refined(white, &self.candidates[i]),
             p_global: evident.p_global,
@@ -392,9 +393,10 @@ impl Means<'_> {
             // All candidates of the explanation gain as its best one does.
             let grid = e.evidence + average - e.score.evidence;
             let shape = with_shape - SHARE + self.log_priors[e.best] + e.favour;
-            let (evidence, all) = if shape > grid { (shape, of_shape) } else { (grid, of_grid) };
+            let (evidence, average, all) = if shape > grid { (shape, with_shape, of_shape) } else { (grid, average, of_grid) };
             e.evidence = evidence;
             e.score = all.into_iter().max_by(|a, b| a.0.total_cmp(&b.0)).map_or(e.score, |(_, score)| score);
+            e.lost = (e.score.evidence - average).max(0.0);
         }
         chosen.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
         let mut keys: Vec<String> = Vec::new();

@@ -1,6 +1,6 @@
 //! Pictures of the score: power against strength, and which name was given to which effect.
 
-use super::report::lottery_power;
+use super::report::{ALARMS, lottery_power};
 use super::score::{STRENGTHS, Score};
 use super::sensor::Kind;
 use calfit::plot::{self, Figure, Marks, Panel, Scale, Series, Style};
@@ -31,7 +31,9 @@ pub fn power(score: &Score) -> Result<Vec<u8>, String> {
         Series {
             label: "by one who knows the lottery of the noise".to_owned(),
             style: Style::Reference,
-            marks: Marks::Line(STRENGTHS.iter().filter_map(|k| Some((*k, lottery_power(score, *k)?.percent()))).collect()),
+            marks: Marks::Line(
+                STRENGTHS.iter().filter_map(|k| Some((*k, lottery_power(score, *k, ALARMS)?.percent()))).collect(),
+            ),
         },
     ];
     let figure = Figure {

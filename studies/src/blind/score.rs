@@ -384,6 +384,8 @@ pub struct Score {
     pub cases: u64,
     /// What could be found where there is noise only, and of effects in plateau means by strength.
     pub ideal_null: Vec<Ideal>,
+    /// Whether the diagnosis named something in the same runs.
+    pub ideal_null_named: Share,
     pub ideal: BTreeMap<u64, Vec<Possible>>,
 }
 
@@ -424,7 +426,10 @@ impl Score {
                 if case.kind == Kind::Lin {
                     self.alarms_of_programme.entry(case.options.programme).or_default().add(named);
                 }
-                self.ideal_null.extend(verdict.ideal.clone());
+                if let Some(ideal) = verdict.ideal.clone() {
+                    self.ideal_null.push(ideal);
+                    self.ideal_null_named.add(named);
+                }
             }
             Purpose::Decoy => {
                 if let Some(decoy) = case.options.decoy {

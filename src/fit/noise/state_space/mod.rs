@@ -38,7 +38,7 @@ const RARE: [f64; 2] = [1.5, 3.0];
 const APART_PRIOR: f64 = 0.1;
 const APART_RANGE: f64 = 9.0;
 /// Prior probabilities of white noise that grows with the field, where the readings suggest it, and of slow noise of the gain.
-const GROWING_PRIOR: [f64; 2] = [0.2, 0.5];
+const GROWING_PRIOR: [f64; 2] = [0.2, 0.25];
 /// Time constants of the relaxations of a power density: the shortest in rows, the longest in lengths of the series, and their ratio.
 const SHORTEST: f64 = 0.4;
 const LONGEST: f64 = 3.0;
