@@ -11,6 +11,7 @@ use super::{ALIKE, APART};
 use crate::fit::scan::{ABSORBED, Fitted, Group, Score};
 use crate::fit::statistics::log_sum;
 use crate::model::effects::{EffectRef, Family};
+use rayon::prelude::*;
 
 /// A term gives way to another one whose evidence (logarithm) is larger by this much, a ratio of e: equals do not change places.
 const SWAP: f64 = 1.0;
@@ -123,6 +124,8 @@ impl<'a> Scored<'a> {
     fn explained(&self) -> Vec<Explanation> {
         let mut keys: Vec<&str> = Vec::new();
         let mut own: Vec<Vec<(usize, f64, Score)>> = Vec::new();
+        let score = |i: usize| self.is_open(i).then(|| self.fitted.score(&self.groups[i]));
+        let scores: Vec<Option<Score>> = (0..self.candidates.len()).into_par_iter().map(score).collect();
         for (i, candidate) in self.candidates.iter().enumerate() {
             let key = candidate.key.as_str();
             let place = keys.iter().position(|k| *k == key).unwrap_or_else(|| {
@@ -130,8 +133,7 @@ impl<'a> Scored<'a> {
                 own.push(Vec::new());
                 keys.len() - 1
             });
-            if self.is_open(i) {
-                let score = self.fitted.score(&self.groups[i]);
+            if let Some(score) = scores[i] {
                 own[place].push((i, score.evidence + self.log_priors[i], score));
             }
         }

@@ -331,7 +331,8 @@ impl Fitted {
         let batches: Vec<usize> = (0..DRAWS / BATCH).collect();
         // Components on which a group does not act have nothing to add.
         let acts = |g: &Group, a: usize| g.cross[a].trace() > 0.0;
-        let all: Vec<DMatrix<f64>> = (0..3)
+        let all: Vec<DMatrix<f64>> = [0, 1, 2]
+            .into_par_iter()
             .map(|a| {
                 let columns: usize = groups.iter().filter(|g| acts(g, a)).map(|g| g.base.ncols()).sum();
                 let mut joined = DMatrix::zeros(self.edges[a + 1] - self.edges[a], columns);
