@@ -9,7 +9,7 @@ use blind::noise::{Cell, Family, Noise, Random, Whitener};
 use blind::report::report;
 use blind::score::{Purpose, Score, Share, family, plan, plan_from, run};
 use blind::sensor::{CleanRun, Kind, Sensor};
-use blind::{Amplitude, Blind, Options, Verdict, VerdictStep, effects, judge, picture, poles};
+use blind::{Amplitude, Blind, Options, TrueParameter, Verdict, VerdictStep, effects, judge, picture, poles};
 use calfit::diagnose::candidate::{Accepted, Threshold};
 use calfit::diagnose::means::Means;
 use calfit::diagnose::problem::Problem;
@@ -369,6 +369,33 @@ fn products_of_components_are_told_with_their_covariate() {
         let right = step.covariate.as_ref().is_some_and(|c| blind.truth.effects[0].covariates.contains(c));
         assert!(step.effect == "unknown" && right, "seed {seed}: {} {:?}", step.effect, step.covariate);
     });
+}
+
+/// Sizes of what follows a temperature are neither too small nor too large: of values that are named for standing out some were lucky, but slow noise that
+/// may stand in for an effect is no luck of its size, and a thermistor's noise makes sizes small.
+#[test]
+fn sizes_of_temperatures_have_no_bias() {
+    let cases: Vec<(&str, u64)> = ["coil_temperature", "sensor_temperature_offset"]
+        .into_iter()
+        .flat_map(|e| (8300..8324).map(move |seed| (e, seed)))
+        .collect();
+    // Value minus truth over the standard uncertainty, positive away from zero.
+    let off = |(effect, seed): (&str, u64)| {
+        let options = Options { effects: vec![effect.to_owned()], strength_k: 12.0, ..Options::default() };
+        let blind = generate(seed, Kind::Lin, &options).unwrap();
+        let truth = &blind.truth.effects[0];
+        let steps = if truth.exact_form { judge::judge(&blind).steps } else { Vec::new() };
+        let named = steps.into_iter().find(|s| s.effect == effect);
+        let amplitudes = named.map_or_else(Vec::new, |s| s.amplitudes);
+        let of = |p: &TrueParameter| {
+            amplitudes.iter().find(|a| a.name == p.name).map(|a| (a.value - p.value) * p.value.signum() / a.std)
+        };
+        truth.parameters.iter().filter_map(of).collect::<Vec<f64>>()
+    };
+    let all: Vec<f64> = cases.into_par_iter().flat_map(off).collect();
+    let count = all.len() as f64;
+    let mean = all.iter().sum::<f64>() / count;
+    assert!(count > 20.0 && mean.abs() < 3.0 / count.sqrt(), "{mean} of {count}: {all:.1?}");
 }
 
 /// A hysteresis that remembers the largest field of its axis, which fades, is in no catalogue: a jump of the offset or a memory of the setting before may
