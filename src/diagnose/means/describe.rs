@@ -1,5 +1,6 @@
 //! The description of a term of the plateau means.
 
+use super::chosen::Chosen;
 use super::{HeldOut, Means, MeansModel, Term, each_axis, in_time, memory, thermistor};
 use crate::data::units::{COMPONENTS, six_digits};
 use crate::diagnose::candidate::Candidate;
@@ -8,7 +9,6 @@ use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter, Telling};
 use crate::diagnose::steps::{Facts, Name, Significance, linear_parameters, shape_parameters};
 use crate::diagnose::{APART, selection, words};
-use crate::fit::scan::Score;
 use crate::model::effects::sensor_temperature_offset::SensorTemperatureOffset;
 use crate::model::effects::{Family, GAIN_WITH, UNKNOWN};
 use crate::record::prepared::PreparedRun;
@@ -109,7 +109,8 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         p_value_corrected: term.p_global,
         strength_k: score.strength,
     };
-    let by_form = by_form(means, &without, candidate, &score);
+    let beside = Chosen { means, without: &without, candidate, group: &own_group, score: &score };
+    let by_form = by_form(&beside);
     let parameters = parameters(candidate, &values, score.strength, term.threshold.strength(score.strength), by_form);
     let (rival_keys, best) = rivals.indistinct().map(|e| (e.key.clone(), e.best)).unzip();
     let named = Named {
@@ -123,11 +124,11 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     // The term has the best value of its shape, rivals those of a grid: with those of the grid for both, none may be near. An unknown function
     // has other unknown ones as rivals, too.
     let has_near_rival = runners_up.iter().any(|r| r.log_ratio > -APART);
-    let mut in_time = in_time::rivals(means, &without, candidate, &own_group, &score);
-    in_time.extend(thermistor::rival(means, &without, (&others, candidate), &own_group, &score));
-    let apart = each_axis::rival(means, &without, candidate, &own_group, &score);
-    let remembered = memory::rival(means, &without, candidate, &own_group, &score);
-    let one_plateau_s = one_plateau_s(means, &without, (&others, candidate), &contribution, &score);
+    let mut in_time = in_time::rivals(&beside);
+    in_time.extend(thermistor::rival(&beside, &others));
+    let apart = each_axis::rival(&beside);
+    let remembered = memory::rival(&beside);
+    let one_plateau_s = one_plateau_s(&beside, &others, &contribution);
     // Why the name is not certain where no rival that is listed says it.
     let doubts = [
         (!is_apart_from_zero(candidate, &parameters), "No size of its form stands out of its own uncertainty."),
@@ -136,7 +137,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
             has_twin_beside(candidate, &others),
             "Another curve of the same axis is named beside it: together they may stand for one that is neither.",
         ),
-        (!is_constant(means, &without, &others, candidate), "Its size is not the same in the beginning and the end of the run."),
+        (!is_constant(&beside, &others), "Its size is not the same in the beginning and the end of the run."),
         (
             candidate.effect.about().family == Family::Time && !means.prepared.faults.is_empty(),
             "A temperature channel is damaged: what follows the temperature looks the same.",
@@ -223,13 +224,8 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
 
 /// When the plateau is without which nothing of a term is significant and little of it left, s: that on which most of it is, one beside which it begins,
 /// or two of these, since a disturbance may lie across the border of two. What is left of two jumps within one row is that row alone.
-fn one_plateau_s(
-    means: &Means,
-    without: &MeansModel,
-    (others, candidate): (&[&Candidate], &Candidate),
-    contribution: &Contribution,
-    score: &Score,
-) -> Option<f64> {
+fn one_plateau_s(chosen: &Chosen, others: &[&Candidate], contribution: &Contribution) -> Option<f64> {
+    let Chosen { means, without, candidate, score, .. } = *chosen;
     let record = &means.prepared.record;
     let n = record.rows.len();
     let own = &contribution.own_ent;
@@ -255,7 +251,8 @@ fn one_plateau_s(
 
 /// Whether the size of a term that acts all along the run stays: times the time, it tells nothing more beside itself. What moves with time by itself, as
 /// temperatures and drifts do, is not asked.
-fn is_constant(means: &Means, without: &MeansModel, others: &[&Candidate], candidate: &Candidate) -> bool {
+fn is_constant(chosen: &Chosen, others: &[&Candidate]) -> bool {
+    let Chosen { means, without, candidate, .. } = *chosen;
     let family = candidate.effect.about().family;
     if !matches!(family, Family::StaticOdd | Family::StaticEven | Family::CrossField | Family::History) {
         return true;
@@ -295,7 +292,8 @@ fn begins_beside_the_lag(prepared: &PreparedRun, candidate: &Candidate) -> bool 
 
 /// By how much the shape of a term is another one in other forms of the effect that describe the data as well: the onset of a knee is higher than
 /// that of a bend.
-fn by_form(means: &Means, without: &MeansModel, candidate: &Candidate, score: &Score) -> f64 {
+fn by_form(chosen: &Chosen) -> f64 {
+    let Chosen { means, without, candidate, score, .. } = *chosen;
     let Some((name, value)) = candidate.effect.continuous(&candidate.spec) else { return 0.0 };
     let is_other = |c: &&Candidate| {
         c.key == candidate.key

@@ -1,10 +1,9 @@
 //! Whether the axes of the sensor do together what a term says: a turn moves two of them by the same angle, a change of the direction of one
 //! axis moves this one alone, and a turn takes half of it.
 
-use super::{Means, MeansModel};
+use super::chosen::Chosen;
 use crate::diagnose::candidate::Candidate;
 use crate::diagnose::result::RunnerUp;
-use crate::fit::scan::{ABSORBED, Fitted, Group, Score};
 use crate::model::effects::{Spec, UNKNOWN};
 use nalgebra::{DMatrix, DVector};
 
@@ -13,23 +12,14 @@ const SMALL_PART: f64 = 0.1;
 /// Its name among the rivals.
 const EACH_AXIS: &str = "every axis by a size of its own";
 
-/// The same on every axis with a size of its own, where that is the better explanation in spite of its further parameters; `group` and `score`
-/// are those of the term beside the model without it.
-pub(super) fn rival(
-    means: &Means,
-    without: &MeansModel,
-    candidate: &Candidate,
-    group: &Group,
-    score: &Score,
-) -> Option<RunnerUp> {
+/// The same on every axis with a size of its own, where that is the better explanation in spite of its further parameters.
+pub(super) fn rival(chosen: &Chosen) -> Option<RunnerUp> {
+    let candidate = chosen.candidate;
     let columns = on_each_axis(&candidate.columns)?;
     let parameters = (0..columns.ncols()).map(|k| (format!("s{k}"), "1")).collect();
     let spec = Spec::new(EACH_AXIS, &candidate.spec.axes);
     let apart = Candidate::new(UNKNOWN, Some(EACH_AXIS.to_owned()), spec, parameters, columns);
-    let own = means.group(without, &apart);
-    let log_ratio = without.fitted.score(&own).evidence - score.evidence;
-    let is_better = own.surviving > ABSORBED && log_ratio > 0.0;
-    is_better.then(|| RunnerUp { effect: apart.key, log_ratio, correlation: Fitted::correlation(&own, group) })
+    chosen.rival(&apart, 1).filter(|r| r.log_ratio > 0.0)
 }
 
 /// Columns on three components as columns on one each, what is small with what is largest; `None` where each is on one already.

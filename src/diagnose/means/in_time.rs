@@ -2,12 +2,11 @@
 //! time under another name: a drift of the gain, or a step in it, makes the same of the readings. A drift may be an offset that follows its temperature while
 //! the thermistor does so later.
 
-use super::{Means, MeansModel};
+use super::chosen::Chosen;
 use crate::data::run::interpolate;
 use crate::diagnose::APART;
 use crate::diagnose::candidate::Candidate;
 use crate::diagnose::result::RunnerUp;
-use crate::fit::scan::{ABSORBED, Fitted, Group, Score};
 use crate::fit::smooth::Course;
 use crate::model::effects::coil_temperature::LAG;
 use crate::model::effects::record::Channel;
@@ -26,28 +25,17 @@ struct InTime {
     tried: usize,
 }
 
-/// The courses of time that describe the readings as well as a term does, the best of each kind, each with the effect that makes it; `group` and `score` are
-/// those of the term beside the model without it. They are told by the data alone, whatever their prior.
-pub(super) fn rivals(
-    means: &Means,
-    without: &MeansModel,
-    candidate: &Candidate,
-    group: &Group,
-    score: &Score,
-) -> Vec<(EffectRef, RunnerUp)> {
-    let record = &means.prepared.record;
+/// The courses of time that describe the readings as well as a term does, the best of each kind, each with the effect that makes it. They are told by the
+/// data alone, whatever their prior.
+pub(super) fn rivals(chosen: &Chosen) -> Vec<(EffectRef, RunnerUp)> {
     let mut rivals: Vec<(EffectRef, RunnerUp)> = Vec::new();
-    for InTime { effect, name, candidate, tried } in in_time(record, candidate) {
-        let own = means.group(without, &candidate);
-        if own.surviving <= ABSORBED || own.count() == 0 {
-            continue;
-        }
-        let log_ratio = without.fitted.score(&own).evidence - (tried as f64).ln() - score.evidence;
-        let correlation = Fitted::correlation(&own, group);
-        match rivals.iter_mut().find(|(_, r)| r.effect == name) {
-            Some((_, known)) if known.log_ratio >= log_ratio => {}
-            Some((_, known)) => *known = RunnerUp { effect: name, log_ratio, correlation },
-            None => rivals.push((effect, RunnerUp { effect: name, log_ratio, correlation })),
+    for InTime { effect, name, candidate, tried } in in_time(&chosen.means.prepared.record, chosen.candidate) {
+        let Some(rival) = chosen.rival(&candidate, tried) else { continue };
+        let rival = RunnerUp { effect: name, ..rival };
+        match rivals.iter_mut().find(|(_, r)| r.effect == rival.effect) {
+            Some((_, known)) if known.log_ratio >= rival.log_ratio => {}
+            Some((_, known)) => *known = rival,
+            None => rivals.push((effect, rival)),
         }
     }
     rivals.retain(|(_, r)| r.log_ratio > -APART);

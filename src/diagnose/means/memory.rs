@@ -2,11 +2,10 @@
 //! setting until a field exceeds what is left of it: where one does for the first time in many settings it looks like an offset that jumps, and where
 //! nothing exceeds it like a drift, or like a memory of the setting before.
 
-use super::{Means, MeansModel};
+use super::chosen::Chosen;
 use crate::diagnose::APART;
 use crate::diagnose::candidate::Candidate;
 use crate::diagnose::result::RunnerUp;
-use crate::fit::scan::{ABSORBED, Fitted, Group, Score};
 use crate::model::effects::{Column, Record, Row, Spec, UNKNOWN};
 
 /// What is left of an extreme after one setting, of those that are tried; the last never forgets.
@@ -14,16 +13,10 @@ const KEPT: [f64; 6] = [0.7, 0.8, 0.85, 0.9, 0.95, 1.0];
 /// Its name among the rivals.
 const LARGEST: &str = "memory of the largest field";
 
-/// The memory on the axes of a term, the best of all that are tried, where it describes the data as well; `group` and `score` are those of the term
-/// beside the model without it.
-pub(super) fn rival(
-    means: &Means,
-    without: &MeansModel,
-    candidate: &Candidate,
-    group: &Group,
-    score: &Score,
-) -> Option<RunnerUp> {
-    let record = &means.prepared.record;
+/// The memory on the axes of a term, the best of all that are tried, where it describes the data as well.
+pub(super) fn rival(chosen: &Chosen) -> Option<RunnerUp> {
+    let record = &chosen.means.prepared.record;
+    let candidate = chosen.candidate;
     if !record.has_fields() || candidate.effect.is_unknown() {
         return None;
     }
@@ -34,10 +27,7 @@ pub(super) fn rival(
         };
         let columns = candidate.spec.axes.iter().map(column).collect();
         let memory = Candidate::of_readings(UNKNOWN, Spec::new(LARGEST, &candidate.spec.axes), columns);
-        let own = means.group(without, &memory);
-        let log_ratio = without.fitted.score(&own).evidence - (KEPT.len() as f64).ln() - score.evidence;
-        let is_rival = own.surviving > ABSORBED && own.count() > 0 && log_ratio > -APART;
-        is_rival.then(|| RunnerUp { effect: memory.key, log_ratio, correlation: Fitted::correlation(&own, group) })
+        chosen.rival(&memory, KEPT.len()).filter(|r| r.log_ratio > -APART)
     };
     KEPT.into_iter().filter_map(of).max_by(|a, b| a.log_ratio.total_cmp(&b.log_ratio))
 }

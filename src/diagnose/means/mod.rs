@@ -4,6 +4,7 @@
 //! promising candidates is averaged over all noise that the readings allow ([`super::problem`] has the search, `problem` what it asks).
 
 mod attenuation;
+mod chosen;
 mod describe;
 mod each_axis;
 mod estimate;
