@@ -182,7 +182,8 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     doubts.iter().for_each(|why| remark.push_str(&format!(" {why}")));
     let mut evidence = rivals.bars(number);
     let own = evidence.bars.first().map_or(score.evidence, |(_, own)| *own);
-    evidence.bars.extend(in_time.iter().map(|(_, r)| (r.effect.clone(), own + r.log_ratio)));
+    let in_its_place = in_time.iter().map(|(_, r)| r).chain(&apart).chain(&remembered);
+    evidence.bars.extend(in_its_place.map(|r| (r.effect.clone(), own + r.log_ratio)));
     // The term itself stays the first one.
     if let Some((_, others)) = evidence.bars.split_first_mut() {
         others.sort_by(|a, b| b.1.total_cmp(&a.1));
