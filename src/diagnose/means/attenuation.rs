@@ -37,10 +37,10 @@ impl Means<'_> {
             return;
         }
         let Some((_, covariance)) = solution(&model.columns, &model.columns, &model.readings) else { return };
-        let drawn = with_noise(record);
+        let drawn = self.drawn.get_or_init(|| with_noise(record));
         let mut at = model.columns.ncols() - terms.iter().map(|t| t.columns.ncols()).sum::<usize>();
         for (term, sizes) in terms.iter().zip(sizes) {
-            let Some(noises) = self.noises(model, term, &drawn) else { return };
+            let Some(noises) = self.noises(model, term, drawn) else { return };
             let linear = if noises.is_empty() { 0 } else { term.columns.ncols() };
             for (j, (value, std)) in sizes.iter_mut().enumerate().take(linear) {
                 let columns = DMatrix::from_fn(model.readings.len(), noises.len(), |i, draw| noises[draw][(i, j)]);
@@ -68,9 +68,13 @@ impl Means<'_> {
             let columns = term.effect.columns(other, &term.spec)?;
             Some(Candidate::of_readings(term.effect, term.spec.clone(), columns).columns - &term.columns)
         };
-        let has_none = of_draw(&drawn[0])?.amax() == 0.0;
-        let whitened = |other| Some(self.whiten(&model.noise, &of_draw(other)?));
-        if has_none { Some(Vec::new()) } else { drawn.iter().map(whitened).collect() }
+        let (first, others) = drawn.split_first()?;
+        let first = of_draw(first)?;
+        if first.amax() == 0.0 {
+            return Some(Vec::new());
+        }
+        let all = std::iter::once(Some(first)).chain(others.iter().map(of_draw));
+        all.map(|noise| Some(self.whiten(&model.noise, &noise?))).collect()
     }
 }
 

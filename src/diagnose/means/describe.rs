@@ -1,7 +1,7 @@
 //! The description of a term of the plateau means.
 
 use super::chosen::Chosen;
-use super::{HeldOut, Means, MeansModel, Term, each_axis, in_time, memory, thermistor};
+use super::{HeldOut, Means, MeansModel, Term, each_axis, in_time, memory, other_form, thermistor};
 use crate::data::units::{COMPONENTS, six_digits};
 use crate::diagnose::candidate::Candidate;
 use crate::diagnose::next::{self, Named};
@@ -126,8 +126,13 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let has_near_rival = runners_up.iter().any(|r| r.log_ratio > -APART);
     let mut in_time = in_time::rivals(&beside);
     in_time.extend(thermistor::rival(&beside, &others));
-    let apart = each_axis::rival(&beside);
-    let remembered = memory::rival(&beside);
+    let of_none = [
+        (
+            each_axis::rival(&beside),
+            "The axes do not do it together: with a size of its own for each of them the data are described better.",
+        ),
+        (memory::rival(&beside), "A hysteresis that remembers the largest field describes the data as well."),
+    ];
     let one_plateau_s = one_plateau_s(&beside, &others, &contribution);
     // Why the name is not certain where no rival that is listed says it.
     let doubts = [
@@ -148,15 +153,6 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         ),
     ];
     let doubts: Vec<&str> = doubts.into_iter().filter(|(is_so, _)| *is_so).map(|(_, why)| why).collect();
-    let of_none = [&apart, &remembered].into_iter().flatten().map(|_| UNKNOWN);
-    let has_other = !in_time.is_empty() || apart.is_some() || remembered.is_some();
-    let is_doubted = has_near_rival || one_plateau_s.is_some() || has_other || !doubts.is_empty();
-    let mut ambiguous_with = rivals.ambiguous();
-    for other in in_time.iter().map(|(effect, _)| *effect).chain(of_none) {
-        if !candidate.effect.is_unknown() && !ambiguous_with.contains(&other) {
-            ambiguous_with.push(other);
-        }
-    }
     let names: Vec<&str> = in_time.iter().map(|(_, r)| r.effect.as_str()).collect();
     let mut remark = match names.as_slice() {
         [] => String::new(),
@@ -172,23 +168,30 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
             " Without the plateau at {t_s:.0} s little of it is left: a single plateau that was disturbed looks the same, and it goes into no model."
         ));
     }
-    if apart.is_some() {
-        remark
-            .push_str(" The axes do not do it together: with a size of its own for each of them the data are described better.");
+    let mut in_its_place = in_time;
+    for (rival, why) in of_none.into_iter().filter_map(|(rival, why)| Some((rival?, why))) {
+        in_its_place.push((UNKNOWN, rival));
+        remark.push_str(&format!(" {why}"));
     }
-    if remembered.is_some() {
-        remark.push_str(" A hysteresis that remembers the largest field describes the data as well.");
-    }
+    let of_form = other_form::doubts(means, model, &all, at);
+    remark.push_str(&of_form);
     doubts.iter().for_each(|why| remark.push_str(&format!(" {why}")));
+    let is_doubted =
+        has_near_rival || one_plateau_s.is_some() || !in_its_place.is_empty() || !of_form.is_empty() || !doubts.is_empty();
+    let mut ambiguous_with = rivals.ambiguous();
+    for (effect, _) in &in_its_place {
+        if !candidate.effect.is_unknown() && !ambiguous_with.contains(effect) {
+            ambiguous_with.push(*effect);
+        }
+    }
     let mut evidence = rivals.bars(number);
     let own = evidence.bars.first().map_or(score.evidence, |(_, own)| *own);
-    let in_its_place = in_time.iter().map(|(_, r)| r).chain(&apart).chain(&remembered);
-    evidence.bars.extend(in_its_place.map(|r| (r.effect.clone(), own + r.log_ratio)));
+    evidence.bars.extend(in_its_place.iter().map(|(_, r)| (r.effect.clone(), own + r.log_ratio)));
     // The term itself stays the first one.
     if let Some((_, others)) = evidence.bars.split_first_mut() {
         others.sort_by(|a, b| b.1.total_cmp(&a.1));
     }
-    runners_up.extend(in_time.into_iter().map(|(_, r)| r).chain(apart).chain(remembered));
+    runners_up.extend(in_its_place.into_iter().map(|(_, r)| r));
     runners_up.sort_by(|a, b| b.log_ratio.total_cmp(&a.log_ratio));
     let facts = Facts {
         parameters,

@@ -125,7 +125,7 @@ impl Means<'_> {
     }
 
     /// The same of one term with the noise of the model alone.
-    fn estimate(&self, model: &MeansModel, terms: &[&Candidate], index: usize) -> Option<Vec<(f64, f64)>> {
+    pub(super) fn estimate(&self, model: &MeansModel, terms: &[&Candidate], index: usize) -> Option<Vec<(f64, f64)>> {
         let slopes = self.slopes(model, terms)?;
         let Weighted { values, covariance, .. } = self.solved(model, &slopes, 1.0)?;
         of_terms(&values, &covariance, terms, &slopes).into_iter().nth(index)

@@ -11,6 +11,7 @@ mod estimate;
 mod held_out;
 mod in_time;
 mod memory;
+mod other_form;
 mod problem;
 mod thermistor;
 
@@ -87,6 +88,8 @@ pub struct Means<'a> {
     /// Effects without a candidate.
     pub absent: Vec<Absent>,
     correlations: Correlations,
+    /// The record with the noise of its thermistors once more, draw after draw, once it was asked for.
+    drawn: OnceLock<Vec<Record>>,
     /// The noise that was estimated last: the search asks for the same again and again.
     last: Mutex<Option<Estimated>>,
 }
@@ -138,7 +141,18 @@ impl<'a> Means<'a> {
         let log_priors = explanations::log_priors(candidates.iter(), |effect| effect.prior(trend_order));
         let correlations = Correlations::new(noise_rows(&prepared.record, &prepared.white, prepared.inside));
         let ruled_out = vec![false; candidates.len()];
-        Self { prepared, readings, given, candidates, log_priors, ruled_out, absent, correlations, last: Mutex::default() }
+        Self {
+            prepared,
+            readings,
+            given,
+            candidates,
+            log_priors,
+            ruled_out,
+            absent,
+            correlations,
+            drawn: OnceLock::new(),
+            last: Mutex::default(),
+        }
     }
 
     /// Noise of this run in another one that could be measured.

@@ -417,6 +417,36 @@ fn the_memory_of_the_largest_field_is_no_certain_step() {
     assert!(of_steps.len() >= 6 && of_steps.iter().all(|(_, effect)| effect == "offset_step"), "{of_steps:?}");
 }
 
+/// The squares of the components of a field of one size add up to a constant: beside the square of the axis itself those of the two others are the same
+/// curve. Which one acts is not certain then, and is where nothing else is named.
+#[test]
+fn which_field_across_acts_is_not_certain_beside_an_even_curve() {
+    let named = |effects: &[&str]| -> Vec<(u64, String, Verdict)> {
+        let effects: Vec<String> = effects.iter().map(|name| (*name).to_owned()).collect();
+        let options = Options { effects, strength_k: 15.0, ..Options::default() };
+        let of = |seed: u64| {
+            let blind = generate(seed, Kind::Sweep, &options).unwrap();
+            let across = blind.truth.effects.iter().find(|e| e.effect == "transverse_field").unwrap();
+            (seed, format!("from_{}", across.form.chars().last().unwrap()), judge::judge(&blind))
+        };
+        (8200..8212_u64).into_par_iter().map(of).collect()
+    };
+    let certain = |verdict: &Verdict| {
+        let is_it = |s: &&VerdictStep| s.effect == "transverse_field" && s.confident;
+        verdict.steps.iter().find(is_it).map(|s| s.amplitudes[0].name.clone())
+    };
+    for (seed, from, verdict) in named(&["quadratic_nonlinearity", "transverse_field"]) {
+        // A single term that explains both is the simpler explanation, and may be certain.
+        let name = certain(&verdict).filter(|_| verdict.steps.len() > 1);
+        assert!(name.as_ref().is_none_or(|name| name.ends_with(&from)), "{seed}: {name:?} for {from}");
+    }
+    let alone: Vec<bool> = named(&["transverse_field"])
+        .iter()
+        .filter_map(|(_, from, verdict)| Some(certain(verdict)?.ends_with(from)))
+        .collect();
+    assert!(alone.len() >= 6 && alone.iter().all(|is_right| *is_right), "{alone:?}");
+}
+
 /// A wave is a drift although its period changes by up to 30 %.
 #[test]
 fn slow_waves_are_drifts() {
