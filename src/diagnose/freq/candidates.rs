@@ -16,11 +16,19 @@ use rayon::prelude::*;
 
 /// Forms of an effect that are fitted with all parameters.
 const FITTED: usize = 3;
+/// Starts of a fit with a free quality: it has several minima.
+const FITTED_FREE: usize = 6;
 /// Parts of the field that pass poles from which a fit starts: a linear score says little about larger ones.
 const LEAST_PART: f64 = -0.9;
 const MOST_PART: f64 = 1.2;
 /// Further poles from which a fit starts, Hz: a few per decade over the range of sampled sines.
 const FURTHER_POLES_HZ: [f64; 4] = [60.0, 200.0, 800.0, 3000.0];
+/// Qualities of two poles from which a fit starts where they are free.
+const FURTHER_QUALITIES: [f64; 3] = [0.5, 0.65, 0.8];
+/// The lowest poles from which such a fit starts, over the lowest that are allowed.
+const BESIDE_LOWEST: f64 = 1.1;
+/// Probability with which noise alone may tell as much of what a form takes for given.
+const TOLD: f64 = 0.005;
 /// Draws of noise for the price of the trials.
 const DRAWS: usize = 1000;
 /// A column of which less than this part is left beside others is one of them.
@@ -73,7 +81,7 @@ impl Scored {
         let terms: Vec<ScoredTerm> = candidates(fit, sines, catalogue, found)
             .into_par_iter()
             .map(|(term, hz)| {
-                let columns = DMatrix::from_columns(&fit.columns(&term, hz, sines));
+                let columns = DMatrix::from_columns(&fit.columns(&term, &[0.0, hz.ln()], sines));
                 let left = &columns - &taken * taken.tr_mul(&columns);
                 let norm = left.column(0).norm();
                 ScoredTerm { term, hz, base: orthonormal(&left, Some(&columns), ROUNDING), norm }
@@ -152,8 +160,7 @@ impl Fit {
         let change = |r: &Refined| {
             let taken = orthonormal(&self.jacobian, None, ROUNDING);
             let values = &r.fit.p[self.p.len()..];
-            let hz = values.get(1).map_or(0.0, |l| l.exp());
-            let columns = self.columns(&r.term, hz, sines);
+            let columns = self.columns(&r.term, values, sines);
             let sum = columns.iter().zip(values).fold(DVector::zeros(self.residual.len()), |s, (c, v)| s + c * *v);
             let left = &sum - &taken * taken.tr_mul(&sum);
             left.normalize()
@@ -207,8 +214,32 @@ fn best_of_effect(effect: EffectRef, base: &Fit, scored: &Scored, sines: &Sines)
     });
     let reported = fits.filter(|(term, fit)| term.is_reported(&fit.p[base.p.len()..], &sines.run));
     let with_aicc = reported.filter_map(|(term, fit)| Some((aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit)));
-    let (aicc, term, fit) = with_aicc.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    Some(Refined { term, fit, aicc })
+    let (_, term, fit) = with_aicc.min_by(|a, b| a.0.total_cmp(&b.0))?;
+    let (term, fit) = told(base, &term, &fit, sines).unwrap_or((term, fit));
+    Some(Refined { aicc: aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit })
+}
+
+/// A term with what its form takes for given as a parameter, fitted, where the sines tell it: another effect would be named for the difference.
+/// The best of several starts, since what is taken for wrong may lead far away.
+fn told(base: &Fit, term: &EffectTerm, fit: &Fit, sines: &Sines) -> Option<(EffectTerm, Fit)> {
+    let (freed, values) = term.freed(&fit.p[base.p.len()..])?;
+    let taken = orthonormal(&base.jacobian, None, ROUNDING);
+    let from = |hz: f64, quality: f64| {
+        let mut start = vec![0.0, hz.ln(), quality.ln()];
+        let column = &base.columns(&freed, &start, sines)[0];
+        let left = column - &taken * taken.tr_mul(column);
+        let (along, square) = (left.dot(&base.residual), left.norm_squared());
+        start[0] = (along / square).clamp(LEAST_PART, MOST_PART);
+        (along * along / square, start)
+    };
+    // The poles may lie below the first one that is tried.
+    let lowest_hz = freed.pole_range_hz().map(|range| BESIDE_LOWEST * range[0]);
+    let pairs = freed.poles_hz().into_iter().chain(lowest_hz).flat_map(|hz| FURTHER_QUALITIES.map(|quality| (hz, quality)));
+    let mut starts: Vec<(f64, Vec<f64>)> = pairs.map(|(hz, quality)| from(hz, quality)).filter(|s| s.0.is_finite()).collect();
+    starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let starts = starts.into_iter().take(FITTED_FREE).map(|s| s.1).chain([values]);
+    let best = starts.filter_map(|s| base.with(&freed, &s, sines)).min_by(|a, b| a.chi2.total_cmp(&b.chi2))?;
+    (fit.p_value_of(&best) < TOLD).then_some((freed, best))
 }
 
 /// Values of a candidate from which it is fitted: a pole from its linear score, and where the fit without it is bad, from others as well.
@@ -216,7 +247,7 @@ fn starts(base: &Fit, scored: &ScoredTerm, sines: &Sines) -> Vec<Vec<f64>> {
     if scored.hz <= 0.0 {
         return vec![vec![0.0; scored.term.count()]];
     }
-    let column = &base.columns(&scored.term, scored.hz, sines)[0];
+    let column = &base.columns(&scored.term, &[0.0, scored.hz.ln()], sines)[0];
     let along = scored.base.column(0);
     let size = along.dot(&base.residual) / along.dot(column);
     let mut starts = vec![vec![size.clamp(LEAST_PART, MOST_PART), scored.hz.ln()]];

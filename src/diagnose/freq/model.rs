@@ -43,6 +43,12 @@ impl EffectTerm {
         Self::new(EffectRef::new(&TimeShift), time_shift::delay())
     }
 
+    /// The same with what it takes for given as a parameter, and all its parameters; `None` where nothing is given.
+    pub fn freed(&self, p: &[f64]) -> Option<(EffectTerm, Vec<f64>)> {
+        let (form, values) = self.form.freed(p)?;
+        Some((Self::new(self.effect, form), values))
+    }
+
     /// Whether it is a part that passes poles.
     pub fn has_pole(&self) -> bool {
         self.pole_range_hz().is_some()
@@ -193,9 +199,17 @@ impl Model {
         Some(Fit { model: self.clone(), p, residual, jacobian, chi2 })
     }
 
-    /// Parameters of poles: where they stand, and their lowest and highest value.
+    /// Frequencies and qualities of poles, as logarithms: where they stand, and their lowest and highest value.
     fn limits(&self) -> impl Iterator<Item = (usize, [f64; 2])> {
-        self.terms.iter().enumerate().filter_map(|(k, term)| Some((self.begin(k) + 1, term.pole_range_hz()?.map(f64::ln))))
+        let of_term = |(k, term): (usize, &EffectTerm)| {
+            [term.pole_range_hz(), term.quality_range()]
+                .into_iter()
+                .enumerate()
+                .map(move |(n, range)| (k, n, range))
+                .collect::<Vec<_>>()
+        };
+        let all = self.terms.iter().enumerate().flat_map(of_term);
+        all.filter_map(|(k, n, range)| Some((self.begin(k) + 1 + n, range?.map(f64::ln))))
     }
 
     /// With the poles where they may be.
@@ -319,15 +333,16 @@ impl Fit {
         Some(side(1.0).max(side(-1.0)))
     }
 
-    /// Derivatives of the prediction by the amplitudes of a term that is not in the model; `hz` is the pole.
-    pub fn columns(&self, term: &EffectTerm, hz: f64, sines: &Sines) -> Vec<DVector<f64>> {
+    /// Derivatives of the prediction by the amplitudes of a term that is not in the model; of one with poles `values` are its parameters, of which the
+    /// part does not matter.
+    pub fn columns(&self, term: &EffectTerm, values: &[f64], sines: &Sines) -> Vec<DVector<f64>> {
         let linear = if term.has_pole() { 1 } else { term.count() };
         (0..linear)
             .map(|k| {
                 let at = |size: f64| {
                     let mut p = vec![0.0; term.count()];
-                    if linear == 1 && term.count() == 2 {
-                        p[1] = hz.ln();
+                    if term.has_pole() {
+                        p[1..].copy_from_slice(&values[1..]);
                     }
                     p[k] = size;
                     sines.whiten(|j, i| {

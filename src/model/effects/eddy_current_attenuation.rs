@@ -52,12 +52,12 @@ impl Effect for EddyCurrentAttenuation {
     }
 
     fn known_sine_term(&self, known: &InSine, _run: &SineRun) -> Option<(Arc<dyn SineTerm>, Vec<f64>)> {
-        known_part(known, ONE_POLE)
+        known_part(known, ONE_POLE, None)
     }
 }
 
 /// A part of the field passes one pole on some axes.
 #[must_use]
 pub fn one_pole(on: [bool; 3]) -> Arc<dyn SineTerm> {
-    Arc::new(PartThroughPoles { poles: Poles::One, on, lowest_hz: POLES_HZ[0], form: ONE_POLE })
+    Arc::new(PartThroughPoles { poles: Poles::One, on, lowest_hz: POLES_HZ[0], form: ONE_POLE, freed_form: None })
 }

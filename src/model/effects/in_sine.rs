@@ -7,8 +7,10 @@ use std::f64::consts::TAU;
 use std::fmt::Debug;
 use std::sync::Arc;
 
-/// Quality of the two poles of a response that falls steeper: between those of Bessel and Butterworth.
-const QUALITY: f64 = 0.65;
+/// Quality of the two poles of a response that falls steeper, where the sines do not tell it: between those of Bessel and Butterworth.
+pub const QUALITY: f64 = 0.65;
+/// Where they do it is looked for in this range: below, the poles are two single ones far apart, above, they make a resonance.
+const QUALITIES: [f64; 2] = [0.3, 2.0];
 /// Poles that are tried, Hz: the first, their ratio, and their number.
 const FIRST_POLE_HZ: f64 = 3.0;
 const POLE_RATIO: f64 = 1.6;
@@ -21,6 +23,8 @@ pub const TOGETHER_AND_SINGLY: [[bool; 3]; 4] = [[true; 3], [true, false, false]
 pub const PART: &str = "part";
 /// Parameter of the same: the frequency of the poles, Hz.
 pub const CORNER: &str = "f_c";
+/// Parameter of two poles whose quality is known from the sines: the quality.
+pub const OWN_QUALITY: &str = "quality";
 /// The parameter that tells how the two others of an effect go together.
 pub const CORRELATION: &str = "correlation";
 
@@ -61,7 +65,8 @@ pub trait SineTerm: Debug + Send + Sync {
     /// The form.
     fn form(&self) -> String;
 
-    /// Number of parameters. Of a term with poles the second one is the logarithm of their frequency in Hz, of all others they are linear.
+    /// Number of parameters. Of a term with poles the second one is the logarithm of their frequency in Hz, a third one that of their quality; of all
+    /// others they are linear.
     fn count(&self) -> usize {
         1
     }
@@ -76,6 +81,17 @@ pub trait SineTerm: Debug + Send + Sync {
 
     /// Between which frequencies its poles are looked for, Hz; `None` without poles.
     fn pole_range_hz(&self) -> Option<[f64; 2]> {
+        None
+    }
+
+    /// Between which values the quality of its poles is looked for; `None` where it is taken for given.
+    fn quality_range(&self) -> Option<[f64; 2]> {
+        None
+    }
+
+    /// The same term with what it takes for given as a parameter, and all parameters, those of it in `p`; `None` where nothing is given.
+    fn freed(&self, p: &[f64]) -> Option<(Arc<dyn SineTerm>, Vec<f64>)> {
+        let _ = p;
         None
     }
 
@@ -134,7 +150,7 @@ impl SineParameter {
     }
 }
 
-/// A part of the field passes poles: `1 + p (P(f/f_c) - 1)`; with p = 1 further poles. Parameters p and ln f_c.
+/// A part of the field passes poles: `1 + p (P(f/f_c) - 1)`; with p = 1 further poles. Parameters p, ln f_c, and ln Q where the quality is free.
 #[derive(Clone, Debug)]
 pub struct PartThroughPoles {
     /// How many.
@@ -145,11 +161,22 @@ pub struct PartThroughPoles {
     pub lowest_hz: f64,
     /// Form.
     pub form: &'static str,
+    /// The form of two poles with a quality of their own; `None` where it is this form, or there is one pole.
+    pub freed_form: Option<&'static str>,
+}
+
+impl PartThroughPoles {
+    fn has_own_quality(&self) -> bool {
+        matches!(self.poles, Poles::Two { .. }) && self.freed_form.is_none()
+    }
 }
 
 impl SineTerm for PartThroughPoles {
     fn kind(&self) -> &'static str {
-        self.form
+        match self.poles {
+            Poles::One => "one pole",
+            Poles::Two { .. } => "two poles",
+        }
     }
 
     fn form(&self) -> String {
@@ -157,7 +184,7 @@ impl SineTerm for PartThroughPoles {
     }
 
     fn count(&self) -> usize {
-        2
+        2 + usize::from(self.has_own_quality())
     }
 
     fn axes(&self) -> Vec<usize> {
@@ -168,13 +195,24 @@ impl SineTerm for PartThroughPoles {
         if !self.on[i] {
             return;
         }
-        let factor = passed(self.poles, p[0], run.settings[j].frequency_hz / p[1].exp());
+        let poles = if self.has_own_quality() { Poles::Two { quality: p[2].exp() } } else { self.poles };
+        let factor = passed(poles, p[0], run.settings[j].frequency_hz / p[1].exp());
         to[0] += factor.norm().max(f64::MIN_POSITIVE).ln();
         to[1] += factor.arg();
     }
 
     fn pole_range_hz(&self) -> Option<[f64; 2]> {
         Some([self.lowest_hz, POLES_HZ[1]])
+    }
+
+    fn quality_range(&self) -> Option<[f64; 2]> {
+        self.has_own_quality().then_some(QUALITIES)
+    }
+
+    fn freed(&self, p: &[f64]) -> Option<(Arc<dyn SineTerm>, Vec<f64>)> {
+        let Poles::Two { quality } = self.poles else { return None };
+        let term = PartThroughPoles { form: self.freed_form?, freed_form: None, ..self.clone() };
+        Some((Arc::new(term), vec![p[0], p[1], quality.ln()]))
     }
 
     fn poles_hz(&self) -> Vec<f64> {
@@ -193,12 +231,17 @@ impl SineTerm for PartThroughPoles {
         correlation: &dyn Fn(usize, usize) -> Option<f64>,
     ) -> (Spec, Vec<SineParameter>) {
         let hz = p[1].exp();
-        let parameters = vec![
-            SineParameter::new(PART, p[0], std(0), "1"),
-            SineParameter::new(CORNER, hz, std(1).map(|s| s * hz), "Hz"),
-            SineParameter::new(CORRELATION, correlation(0, 1).unwrap_or(0.0), None, "1"),
-        ];
-        (Spec::new(self.form, &self.axes()).with(CORNER, hz, "Hz"), parameters)
+        let mut parameters =
+            vec![SineParameter::new(PART, p[0], std(0), "1"), SineParameter::new(CORNER, hz, std(1).map(|s| s * hz), "Hz")];
+        let mut spec = Spec::new(self.form, &self.axes()).with(CORNER, hz, "Hz");
+        if self.has_own_quality() {
+            let quality = p[2].exp();
+            parameters.push(SineParameter::new(OWN_QUALITY, quality, std(2).map(|s| s * quality), "1"));
+            spec = spec.with(OWN_QUALITY, quality, "1");
+        } else {
+            parameters.push(SineParameter::new(CORRELATION, correlation(0, 1).unwrap_or(0.0), None, "1"));
+        }
+        (spec, parameters)
     }
 
     fn limit(&self, _run: &SineRun, least: f64, hz: f64) -> String {
@@ -206,12 +249,16 @@ impl SineTerm for PartThroughPoles {
     }
 }
 
-/// A known part through poles as a term that is fitted again, with its parameters.
+/// A known part through poles as a term that is fitted again, with its parameters: of one form, or of another one with a quality of its own.
 #[must_use]
-pub fn known_part(known: &InSine, form: &'static str) -> Option<(Arc<dyn SineTerm>, Vec<f64>)> {
+pub fn known_part(known: &InSine, form: &'static str, freed_form: Option<&'static str>) -> Option<(Arc<dyn SineTerm>, Vec<f64>)> {
     let InSine::Poles { poles, on, part, corner_hz } = known else { return None };
-    let term = PartThroughPoles { poles: *poles, on: *on, lowest_hz: POLES_HZ[0], form };
-    Some((Arc::new(term), vec![*part, corner_hz.ln()]))
+    let term = PartThroughPoles { poles: *poles, on: *on, lowest_hz: POLES_HZ[0], form, freed_form };
+    let p = vec![*part, corner_hz.ln()];
+    match poles {
+        Poles::Two { quality } if *quality != QUALITY => term.freed(&p),
+        _ => Some((Arc::new(term), p)),
+    }
 }
 
 /// What an effect does to the sine of a setting.
@@ -242,12 +289,15 @@ pub enum InSine {
 }
 
 /// Poles of an attenuation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Poles {
     /// `1 / (1 + i x)`.
     One,
     /// `1 / (1 - x² + i x / Q)`.
-    Two,
+    Two {
+        /// Q.
+        quality: f64,
+    },
 }
 
 /// What is left of a phasor of unit size if a part of the field passes poles; x is the frequency over that of the poles:
@@ -256,7 +306,7 @@ pub enum Poles {
 pub fn passed(poles: Poles, part: f64, x: f64) -> Complex<f64> {
     let through = match poles {
         Poles::One => Complex::new(1.0, x).inv(),
-        Poles::Two => Complex::new(1.0 - x * x, x / QUALITY).inv(),
+        Poles::Two { quality } => Complex::new(1.0 - x * x, x / quality).inv(),
     };
     Complex::from(1.0) + (through - 1.0) * part
 }
@@ -290,9 +340,39 @@ mod tests {
 
     #[test]
     fn two_poles_turn_by_90_degrees_at_their_frequency_and_fall_with_the_square() {
-        let at = passed(Poles::Two, 1.0, 1.0);
-        assert!((at - Complex::new(0.0, -QUALITY)).norm() < 1e-15, "{at}");
-        assert!((passed(Poles::Two, 1.0, 1e3).norm() * 1e6 - 1.0).abs() < 1e-5);
+        let two = Poles::Two { quality: 0.8 };
+        let at = passed(two, 1.0, 1.0);
+        assert!((at - Complex::new(0.0, -0.8)).norm() < 1e-15, "{at}");
+        assert!((passed(two, 1.0, 1e3).norm() * 1e6 - 1.0).abs() < 1e-5);
+    }
+
+    /// With the quality that is taken for given the freed term is the same, and with another one it is the formula with that.
+    #[test]
+    fn a_freed_term_has_its_quality_as_a_parameter() {
+        let poles = Poles::Two { quality: QUALITY };
+        let term = PartThroughPoles { poles, on: [true; 3], lowest_hz: 10.0, form: "given", freed_form: Some("free") };
+        let p = [0.3, 50.0_f64.ln()];
+        let (freed, mut values) = term.freed(&p).unwrap();
+        assert!(freed.form() == "free" && freed.count() == 3 && freed.freed(&values).is_none());
+        let run = SineRun {
+            settings: vec![SineSetting { frequency_hz: 40.0, middle_s: 0.0 }],
+            rate_hz: 128.0,
+            length_s: 10.0,
+            begins_known: true,
+            tags_are_rounded: false,
+            temperatures: SlowTable::default(),
+        };
+        let added = |term: &dyn SineTerm, p: &[f64]| {
+            let mut to = [0.0; 3];
+            term.add(p, &run, 0, 1, &mut to);
+            to
+        };
+        let close = |a: Triple, b: Triple| a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-14);
+        assert!(close(added(&term, &p), added(&*freed, &values)));
+        values[2] = 0.9_f64.ln();
+        let x: f64 = 40.0 / 50.0;
+        let factor = Complex::from(0.7) + Complex::new(1.0 - x * x, x / 0.9).inv() * 0.3;
+        assert!(close([factor.norm().ln(), factor.arg(), 0.0], added(&*freed, &values)));
     }
 
     #[test]

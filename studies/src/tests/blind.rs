@@ -440,10 +440,8 @@ fn which_field_across_acts_is_not_certain_beside_an_even_curve() {
         let name = certain(&verdict).filter(|_| verdict.steps.len() > 1);
         assert!(name.as_ref().is_none_or(|name| name.ends_with(&from)), "{seed}: {name:?} for {from}");
     }
-    let alone: Vec<bool> = named(&["transverse_field"])
-        .iter()
-        .filter_map(|(_, from, verdict)| Some(certain(verdict)?.ends_with(from)))
-        .collect();
+    let alone: Vec<bool> =
+        named(&["transverse_field"]).iter().filter_map(|(_, from, verdict)| Some(certain(verdict)?.ends_with(from))).collect();
     assert!(alone.len() >= 6 && alone.iter().all(|is_right| *is_right), "{alone:?}");
 }
 
