@@ -24,7 +24,7 @@ use crate::model::applied::{AppliedEffect, ModelApplied};
 use crate::model::campaign::Instructions;
 use crate::model::effects::earthfield_leakage::EarthfieldLeakage;
 use crate::model::effects::in_samples::InSamples;
-use crate::model::effects::in_sine::{CORRELATION, InSine};
+use crate::model::effects::in_sine::{CORRELATION, InSine, Poles};
 use crate::model::effects::record::{Channel, earlier_fields};
 use crate::model::effects::thermal_lag::{self, ThermalLag};
 use crate::model::effects::{
@@ -380,10 +380,17 @@ fn in_sine(
     if let Some(name) = missing.filter(|_| plain.is_some()) {
         return Err(group.refuse("id", &format!("lacks its parameter `{name}`"), help));
     }
-    if let Some(InSine::Poles { corner_hz, .. }) = plain
-        && corner_hz <= 0.0
-    {
-        return Err(group.refuse("id", "has a frequency f_c that is not positive", "correct the value, or take the effect out"));
+    if let Some(InSine::Poles { corner_hz, poles, .. }) = plain {
+        let has_no_quality = matches!(poles, Poles::Two { quality } if quality <= 0.0);
+        for (is_wrong, name) in [(corner_hz <= 0.0, "frequency f_c"), (has_no_quality, "quality")] {
+            if is_wrong {
+                return Err(group.refuse(
+                    "id",
+                    &format!("has a {name} that is not positive"),
+                    "correct the value, or take the effect out",
+                ));
+            }
+        }
     }
     // The two parameters of a pole go together.
     let r = find(CORRELATION).map_or(0.0, |p| p.value.clamp(-1.0, 1.0));
