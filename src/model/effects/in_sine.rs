@@ -9,8 +9,9 @@ use std::sync::Arc;
 
 /// Quality of the two poles of a response that falls steeper, where the sines do not tell it: between those of Bessel and Butterworth.
 pub const QUALITY: f64 = 0.65;
-/// Where they do it is looked for in this range: below, the poles are two single ones far apart, above, they make a resonance.
-const QUALITIES: [f64; 2] = [0.3, 2.0];
+/// Where they do it is looked for in this range: below a half the poles are two single ones, of which the lower one alone is another effect; above, they
+/// make a resonance.
+const QUALITIES: [f64; 2] = [0.5, 2.0];
 /// Poles that are tried, Hz: the first, their ratio, and their number.
 const FIRST_POLE_HZ: f64 = 3.0;
 const POLE_RATIO: f64 = 1.6;
