@@ -55,6 +55,11 @@ impl Candidate {
     }
 }
 
+/// All terms but some, which are given by their places.
+pub fn without<'c, C>(all: &[&'c C], gone: &[usize]) -> Vec<&'c C> {
+    all.iter().enumerate().filter(|(i, _)| !gone.contains(i)).map(|(_, term)| *term).collect()
+}
+
 /// A term that was accepted.
 #[derive(Clone, Debug)]
 pub struct Accepted<C> {

@@ -1,9 +1,10 @@
 //! The description of a term between runs.
 
-use super::problem::{Comparison, Term, chosen_candidates, others};
+use super::problem::{Comparison, Term, chosen_candidates};
 use super::run_set::{RunCandidate, RunSet, count};
 use super::{CLASSES_IN_WORDS, axis_of};
 use crate::data::units::COMPONENTS;
+use crate::diagnose::candidate::without;
 use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Map, ShapePoint, Telling};
 use crate::diagnose::selection;
@@ -72,7 +73,7 @@ impl Contribution {
 pub(super) fn describe(comparison: &Comparison, fitted: &Fitted, chosen: &[Term], index: usize, number: usize) -> Description {
     let (set, term) = (&comparison.set, &chosen[index]);
     let terms = chosen_candidates(chosen);
-    let (candidate, others) = (terms[index], others(&terms, index));
+    let (candidate, others) = (terms[index], without(&terms, &[index]));
     let scales = set.scales(fitted);
     let without = set.fitted(&others);
     let own_group = set.group(&without, candidate);
@@ -133,7 +134,7 @@ fn estimate(set: &RunSet, terms: &[&RunCandidate], at: usize, scales: &[f64; 3])
     let n = 3 * set.count();
     let weighted = |m: &DMatrix<f64>| DMatrix::from_fn(m.nrows(), m.ncols(), |r, c| m[(r, c)] / (set.std[r] * scales[r / n]));
     let y = weighted(&DMatrix::from_column_slice(set.y.len(), 1, set.y.as_slice())).column(0).into_owned();
-    let beside = Fitted::new(&y, &weighted(&set.model(&others(terms, at))), [0, n, 2 * n, 3 * n]);
+    let beside = Fitted::new(&y, &weighted(&set.model(&without(terms, &[at]))), [0, n, 2 * n, 3 * n]);
     let left = beside.beside(&weighted(&terms[at].columns));
     let svd = left.svd(true, true);
     let least = UNDETERMINED * svd.singular_values.max();
@@ -188,7 +189,7 @@ fn gains_most(set: &RunSet, classes: [bool; 3], [before, after]: [&DVector<f64>;
 /// The largest probability of noise of all terms where every orientation counts once, if it is one that doubts a name.
 pub(super) fn by_orientations(set: &RunSet, terms: &[&RunCandidate]) -> Option<f64> {
     let named = (0..terms.len()).filter(|index| !terms[*index].effect.is_unknown());
-    let largest = named.filter_map(|index| counted_once(set, &others(terms, index), terms[index])).reduce(f64::max)?;
+    let largest = named.filter_map(|index| counted_once(set, &without(terms, &[index]), terms[index])).reduce(f64::max)?;
     (largest >= DOUBTED).then_some(largest)
 }
 

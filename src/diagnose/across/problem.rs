@@ -3,7 +3,7 @@
 use super::candidates::ORIENTATION;
 use super::run_set::{RunCandidate, RunSet, count};
 use super::{LEAST_AGREEING, describe};
-use crate::diagnose::candidate::{Accepted, Candidate, Threshold};
+use crate::diagnose::candidate::{self, Accepted, Candidate, Threshold};
 use crate::diagnose::explanations::{self, Scored};
 use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::fit::scan::{Fitted, Group};
@@ -33,11 +33,6 @@ pub struct Comparison<'a> {
 /// The terms of a search.
 pub fn chosen_candidates(chosen: &[Term]) -> Vec<&RunCandidate> {
     chosen.iter().map(|t| &t.candidate).collect()
-}
-
-/// All but one.
-pub fn others<'a>(all: &[&'a RunCandidate], index: usize) -> Vec<&'a RunCandidate> {
-    all.iter().enumerate().filter(|(i, _)| *i != index).map(|(_, s)| *s).collect()
 }
 
 impl Problem for Comparison<'_> {
@@ -92,7 +87,7 @@ impl Problem for Comparison<'_> {
 
     fn revised(&self, chosen: &mut [Term], index: usize) -> Option<Revision<Term>> {
         let all = chosen_candidates(chosen);
-        let others = others(&all, index);
+        let others = candidate::without(&all, &[index]);
         let fitted = self.set.fitted(&others);
         let own = all[index];
         let score = fitted.score(&self.set.group(&fitted, own));

@@ -201,15 +201,10 @@ impl Model {
 
     /// Frequencies and qualities of poles, as logarithms: where they stand, and their lowest and highest value.
     fn limits(&self) -> impl Iterator<Item = (usize, [f64; 2])> {
-        let of_term = |(k, term): (usize, &EffectTerm)| {
-            [term.pole_range_hz(), term.quality_range()]
-                .into_iter()
-                .enumerate()
-                .map(move |(n, range)| (k, n, range))
-                .collect::<Vec<_>>()
-        };
-        let all = self.terms.iter().enumerate().flat_map(of_term);
-        all.filter_map(|(k, n, range)| Some((self.begin(k) + 1 + n, range?.map(f64::ln))))
+        self.terms.iter().enumerate().flat_map(|(k, term)| {
+            let ranges = [term.pole_range_hz(), term.quality_range()].into_iter().zip(self.begin(k) + 1..);
+            ranges.filter_map(|(range, at)| Some((at, range?.map(f64::ln))))
+        })
     }
 
     /// With the poles where they may be.

@@ -3,7 +3,7 @@
 use super::chosen::Chosen;
 use super::{HeldOut, Means, MeansModel, Term, each_axis, in_time, memory, other_form, thermistor};
 use crate::data::units::{COMPONENTS, six_digits};
-use crate::diagnose::candidate::Candidate;
+use crate::diagnose::candidate::{self, Candidate};
 use crate::diagnose::next::{self, Named};
 use crate::diagnose::problem::Description;
 use crate::diagnose::result::{Gap, Map, Parameter, Telling};
@@ -78,7 +78,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
     let all = means.all(chosen);
     let at = means.given.len() + index;
     let candidate = all[at];
-    let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != at).map(|(_, c)| *c).collect();
+    let others = candidate::without(&all, &[at]);
     let without = means.model_beside(model, &others);
     let own_group = means.group(&without, candidate);
     let scored = means.scored_as_rivals(&without, &own_group);
@@ -173,7 +173,7 @@ pub(super) fn describe(means: &Means, model: &MeansModel, chosen: &[Term], index
         in_its_place.push((UNKNOWN, rival));
         remark.push_str(&format!(" {why}"));
     }
-    let of_form = other_form::doubts(means, model, &all, at);
+    let of_form = other_form::doubts(&beside, model, &all, at);
     remark.push_str(&of_form);
     doubts.iter().for_each(|why| remark.push_str(&format!(" {why}")));
     let is_doubted =

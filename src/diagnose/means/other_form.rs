@@ -1,9 +1,10 @@
 //! Another form of a term's own effect, of which another term makes a twin: beside the square of one component of a field of one size, that of a second
 //! component is that of the third one, up to a constant. Then the data do not say which of the two it is, and the size of the other term depends on it.
 
+use super::chosen::Chosen;
 use super::{Means, MeansModel};
 use crate::diagnose::APART;
-use crate::diagnose::candidate::Candidate;
+use crate::diagnose::candidate::{Candidate, without};
 use crate::fit::scan::{ABSORBED, Fitted};
 
 /// Forms with at least this canonical correlation are alike by themselves, as neighbours of a grid are.
@@ -11,16 +12,21 @@ const ALIKE: f64 = 0.9;
 /// A size moves where its values differ by more than this many of its standard uncertainties, which an interval of 95 % does not hold.
 const MOVED: f64 = 2.0;
 
-/// Why the form or the size of the term `at` of all is not certain beside the other ones, in sentences; nothing where both are.
-pub(super) fn doubts(means: &Means, model: &MeansModel, all: &[&Candidate], at: usize) -> String {
+/// Why the form or the size of a term, `at` of all, is not certain beside the other ones, in sentences; nothing where both are.
+pub(super) fn doubts(chosen: &Chosen, model: &MeansModel, all: &[&Candidate], at: usize) -> String {
+    let means = chosen.means;
     let mut why = String::new();
     for other in (0..all.len()).filter(|other| *other != at) {
         let key = &all[other].key;
-        if let Some(twin) = twin(means, model, all, [at, other]) {
+        if let Some(twin) = twin(means, chosen.without, all, [at, other]) {
             why.push_str(&format!(" Beside {key}, {} describes the data as well as {}.", names(twin), names(all[at])));
         }
         // The form of what was known before is known.
-        let twin = if other < means.given.len() { None } else { twin(means, model, all, [other, at]) };
+        if other < means.given.len() {
+            continue;
+        }
+        let without_other = means.model_beside(model, &without(all, &[other]));
+        let twin = twin(means, &without_other, all, [other, at]);
         if let Some(twin) = twin.filter(|twin| moves(means, model, all, [at, other], twin)) {
             let [own, twin] = [all[other], twin].map(names);
             why.push_str(&format!(" Its size depends on whether {key} is {own} or {twin}, which the data do not tell."));
@@ -29,23 +35,19 @@ pub(super) fn doubts(means: &Means, model: &MeansModel, all: &[&Candidate], at: 
     why
 }
 
-/// The best other form of a term that describes the readings as well beside all other terms, and is another curve without one of them.
-fn twin<'m>(means: &'m Means, model: &MeansModel, all: &[&Candidate], [at, beside]: [usize; 2]) -> Option<&'m Candidate> {
+/// The best other form of a term that describes the readings as well beside the model of all others, and is another curve without one of them.
+fn twin<'m>(means: &'m Means, others: &MeansModel, all: &[&Candidate], [at, beside]: [usize; 2]) -> Option<&'m Candidate> {
     let own = all[at];
     let is_tried = |c: &&Candidate| c.key == own.key && !c.effect.is_unknown() && c.spec != own.spec;
-    let without = |gone: &[usize]| {
-        let left: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| !gone.contains(i)).map(|(_, c)| *c).collect();
-        means.model_beside(model, &left)
-    };
-    let [with_it, without_it] = [without(&[at]), without(&[at, beside])];
-    let [own_with, own_without] = [&with_it, &without_it].map(|model| means.group(model, own));
-    let least = with_it.fitted.score(&own_with).evidence - APART;
+    let fewer = means.model_beside(others, &without(all, &[at, beside]));
+    let [own_group, own_beside_fewer] = [others, &fewer].map(|model| means.group(model, own));
+    let least = others.fitted.score(&own_group).evidence - APART;
     let evidence = |c: &Candidate| {
-        let group = means.group(&with_it, c);
-        let evidence = with_it.fitted.score(&group).evidence;
+        let group = means.group(others, c);
+        let evidence = others.fitted.score(&group).evidence;
         (group.surviving > ABSORBED && evidence > least).then_some(evidence)
     };
-    let is_other = |c: &Candidate| Fitted::correlation(&means.group(&without_it, c), &own_without) < ALIKE;
+    let is_other = |c: &Candidate| Fitted::correlation(&means.group(&fewer, c), &own_beside_fewer) < ALIKE;
     let tried = means.candidates.iter().filter(is_tried).filter_map(|c| Some((c, evidence(c)?)));
     tried.filter(|(c, _)| is_other(c)).max_by(|a, b| a.1.total_cmp(&b.1)).map(|(c, _)| c)
 }

@@ -2,7 +2,7 @@
 
 use super::{MANY_ROWS, Means, MeansModel, Term, describe, with_shape};
 use crate::data::units::Scale;
-use crate::diagnose::candidate::{Candidate, Threshold};
+use crate::diagnose::candidate::{self, Candidate, Threshold};
 use crate::diagnose::explanations::{Explanation, SHARE, Scored};
 use crate::diagnose::problem::{Description, Problem, Revision};
 use crate::fit::noise::state_space::Noise;
@@ -109,10 +109,7 @@ impl Problem for Means<'_> {
             grows.then_some(held.sum)
         };
         let first = self.given.len();
-        let without = |index: usize| {
-            let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != first + index).map(|(_, c)| *c).collect();
-            Some((index, is_worse(&others)?))
-        };
+        let without = |index: usize| Some((index, is_worse(&candidate::without(&all, &[first + index]))?));
         let worst = (0..chosen.len()).filter_map(without).min_by(|a, b| a.1.total_cmp(&b.1)).map(|(index, _)| index);
         let is_superfluous = |count: usize| self.predicted(&model.noise, &all[..first + count]).sum < of_all.sum;
         Some(worst.or_else(|| (0..chosen.len().saturating_sub(1)).any(is_superfluous).then(|| chosen.len() - 1)))
@@ -153,7 +150,7 @@ impl Problem for Means<'_> {
     fn revised(&self, chosen: &mut [Term], index: usize) -> Option<Revision<Term>> {
         let all = self.all(chosen);
         let at = self.given.len() + index;
-        let others: Vec<&Candidate> = all.iter().enumerate().filter(|(i, _)| *i != at).map(|(_, c)| *c).collect();
+        let others = candidate::without(&all, &[at]);
         let noise = self.estimated(&all)?;
         let model = self.model_with(noise, &others);
         let scored = self.scored(&model);
