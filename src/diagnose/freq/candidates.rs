@@ -203,20 +203,28 @@ pub fn refined(base: &Fit, scored: &Scored, sines: &Sines) -> Vec<Refined> {
     all
 }
 
-/// The best form of an effect among those of the largest linear scores.
+/// The best form of an effect among those of the largest linear scores, and among those with what they take for given as a parameter.
 fn best_of_effect(effect: EffectRef, base: &Fit, scored: &Scored, sines: &Sines) -> Option<Refined> {
     let own = scored.terms.iter().filter(|e| e.term.effect == effect);
     let mut own: Vec<(f64, &ScoredTerm)> = own.map(|e| (e.p_value(&base.residual, base.dof()), e)).collect();
     own.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let fits = own.iter().take(FITTED).flat_map(|(_, e)| {
+    let refined =
+        |(term, fit): (EffectTerm, Fit)| Some(Refined { aicc: aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit });
+    let of_form = |e: &ScoredTerm| {
         let fits = starts(base, e, sines).into_iter().filter_map(|s| base.with(&e.term, &s, sines));
-        fits.map(|fit| (e.term.clone(), fit)).collect::<Vec<_>>()
-    });
-    let reported = fits.filter(|(term, fit)| term.is_reported(&fit.p[base.p.len()..], &sines.run));
-    let with_aicc = reported.filter_map(|(term, fit)| Some((aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit)));
-    let (_, term, fit) = with_aicc.min_by(|a, b| a.0.total_cmp(&b.0))?;
-    let (term, fit) = told(base, &term, &fit, sines).unwrap_or((term, fit));
-    Some(Refined { aicc: aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit })
+        let reported = fits.filter(|fit| e.term.is_reported(&fit.p[base.p.len()..], &sines.run));
+        reported.filter_map(|fit| refined((e.term.clone(), fit))).collect::<Vec<Refined>>()
+    };
+    let best_of = |all: Vec<Refined>| all.into_iter().min_by(|a, b| a.aicc.total_cmp(&b.aicc));
+    let best = best_of(own.iter().take(FITTED).flat_map(|(_, e)| of_form(e)).collect())?;
+    // Where what is taken for given is wrong, one axis may describe more by itself than all axes.
+    let takes_for_given = |e: &&ScoredTerm| e.term.freed(&[0.0, e.hz.ln()]).is_some();
+    let forms = own.iter().map(|(_, e)| *e).filter(takes_for_given);
+    let on_most_axes = forms.min_by_key(|e| std::cmp::Reverse(e.term.axes().len())).filter(|e| !e.term.is_same(&best.term));
+    let on_most_axes = on_most_axes.and_then(|e| best_of(of_form(e)));
+    let fixed = || std::iter::once(&best).chain(&on_most_axes);
+    let free: Vec<Refined> = fixed().filter_map(|r| refined(told(base, &r.term, &r.fit, sines)?)).collect();
+    best_of(free.into_iter().chain([best]).collect())
 }
 
 /// A term with what its form takes for given as a parameter, fitted, where the sines tell it: another effect would be named for the difference.

