@@ -16,6 +16,8 @@ const NEGLIGIBLE: f64 = -7.0;
 const STEP: f64 = 1e-3;
 /// Singular values of columns of unit length below this are those of columns that depend on each other.
 const APART: f64 = 1e-10;
+/// Residuals scatter more than the noise says where the square of their scatter is beyond so many of its own standard deviations.
+const BEYOND: f64 = 2.0;
 
 impl Means<'_> {
     /// Parameters of the linear model, component after component, and their covariance: averaged over the noise that the readings allow,
@@ -106,7 +108,7 @@ impl Means<'_> {
 
     /// Values and standard uncertainties of the parameters of every term, with the uncertainty of continuous shape parameters in them; that of
     /// the shape last. They are averaged over the noise that the readings allow, the scatter of the averaged values included: an effect may
-    /// be as slow as noise whose share is known badly.
+    /// be as slow as noise whose share is known badly. Where the residuals scatter more than all of that, their own scatter counts.
     #[must_use]
     pub fn estimates(&self, model: &MeansModel, terms: &[&Candidate]) -> Option<Vec<Vec<(f64, f64)>>> {
         let slopes = self.slopes(model, terms)?;
@@ -115,10 +117,15 @@ impl Means<'_> {
             .into_par_iter()
             .filter_map(|(noise, weight)| self.solved(&self.model_with(noise, terms), &slopes, weight))
             .collect();
-        let (values, covariance) = averaged(&fits).or_else(|| {
+        let (values, mut covariance) = averaged(&fits).or_else(|| {
             let Weighted { values, covariance, .. } = self.solved(model, &slopes, 1.0)?;
             Some((values, covariance))
         })?;
+        let factors = beyond_noise(&self.with_slopes(model, &slopes), &model.columns, &model.readings)?;
+        for (j, factor) in factors.into_iter().enumerate() {
+            covariance.row_mut(j).scale_mut(factor);
+            covariance.column_mut(j).scale_mut(factor);
+        }
         let mut sizes = of_terms(&values, &covariance, terms, &slopes);
         self.without_attenuation(model, terms, &mut sizes);
         Some(sizes)
@@ -152,8 +159,8 @@ impl Means<'_> {
         (slope.norm() > 0.0).then_some(slope)
     }
 
-    /// Parameters of a model, and the covariance of them and of the shape parameters, which come last.
-    fn solved(&self, model: &MeansModel, slopes: &[Option<DVector<f64>>], weight: f64) -> Option<Weighted> {
+    /// Columns of a model with those of the shape parameters, which come last.
+    fn with_slopes(&self, model: &MeansModel, slopes: &[Option<DVector<f64>>]) -> DMatrix<f64> {
         let mut columns = model.columns.clone();
         for slope in slopes.iter().flatten() {
             let stacked = DMatrix::from_column_slice(slope.len(), 1, slope.as_slice());
@@ -161,7 +168,12 @@ impl Means<'_> {
             columns = columns.insert_column(last, 0.0);
             columns.column_mut(last).copy_from(&self.whiten(&model.noise, &stacked).column(0));
         }
-        let (values, covariance) = solution(&columns, &model.columns, &model.readings)?;
+        columns
+    }
+
+    /// Parameters of a model, and the covariance of them and of the shape parameters, which come last.
+    fn solved(&self, model: &MeansModel, slopes: &[Option<DVector<f64>>], weight: f64) -> Option<Weighted> {
+        let (values, covariance) = solution(&self.with_slopes(model, slopes), &model.columns, &model.readings)?;
         Some(Weighted { weight, values, covariance })
     }
 }
@@ -251,4 +263,63 @@ pub(super) fn solution(
         }
     }
     Some((values, covariance))
+}
+
+/// Factors on the standard uncertainties of least squares with all columns, which are in units of the noise, and values for the `first` ones: noise may be
+/// larger just where a parameter is told than any noise of the model is, as beyond a part of the range, and what the residuals themselves say is the
+/// uncertainty then (White 1980, with the leverage of every row). One where they say no more than the noise.
+fn beyond_noise(all: &DMatrix<f64>, first: &DMatrix<f64>, readings: &DVector<f64>) -> Option<Vec<f64>> {
+    let (values, covariance) = solution(all, first, readings)?;
+    let residual = readings - first * values;
+    // What a row changes of the parameters.
+    let by_row = &covariance * all.transpose();
+    let square = |i: usize| {
+        let leverage: f64 = all.row(i).iter().zip(by_row.column(i).iter()).map(|(a, b)| a * b).sum();
+        residual[i].powi(2) / (1.0 - leverage).max(f64::EPSILON)
+    };
+    let squares: Vec<f64> = (0..residual.len()).map(square).collect();
+    let factor = |j: usize| {
+        let weights: Vec<f64> = by_row.row(j).iter().map(|w| w * w).collect();
+        let stated: f64 = weights.iter().sum();
+        let shown: f64 = weights.iter().zip(&squares).map(|(w, s)| w * s).sum();
+        let spread = (2.0 * weights.iter().map(|w| w * w).sum::<f64>()).sqrt();
+        if shown > stated + BEYOND * spread { (shown / stated).sqrt() } else { 1.0 }
+    };
+    Some((0..covariance.nrows()).map(factor).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{beyond_noise, solution};
+    use crate::fit::random::Random;
+    use nalgebra::{DMatrix, DVector};
+
+    /// A straight line and a cubic of 200 settings from -1 to 1. Where the noise grows from 0.7 of the range on to five times at its end, 80 % of cubics
+    /// lie within 1.96 of the uncertainty by noise that is equally large everywhere, and 93.6 % with the factor; where it is equal, 94.9 and 95.0 %
+    /// with a mean factor of 1.007: by an independent calculation of 6000 and 20 000 draws.
+    #[test]
+    fn noise_that_grows_where_a_parameter_is_told_makes_it_uncertain() {
+        let place = |i: usize| (i as f64 - 99.5) / 99.5;
+        let columns = DMatrix::from_fn(200, 3, |i, j| place(i).powi([0, 1, 3][j]));
+        let mut random = Random::seeded(4);
+        let mut within = |size: &dyn Fn(f64) -> f64| {
+            let rms = ((0..200).map(|i| size(place(i)).powi(2)).sum::<f64>() / 200.0).sqrt();
+            let (mut stated, mut scaled, mut sum) = (0.0, 0.0, 0.0);
+            for _ in 0..1000 {
+                let readings = DVector::from_fn(200, |i, _| size(place(i)) / rms * random.gaussian());
+                let factor = beyond_noise(&columns, &columns, &readings).unwrap()[2];
+                let (values, covariance) = solution(&columns, &columns, &readings).unwrap();
+                let off = values[2].abs() / covariance[(2, 2)].sqrt();
+                stated += if off < 1.96 { 0.1 } else { 0.0 };
+                scaled += if off < 1.96 * factor { 0.1 } else { 0.0 };
+                sum += factor / 1000.0;
+            }
+            [stated, scaled, sum]
+        };
+        // In percent, of which the standard deviations are 1.3 and 0.8 at most.
+        let [stated, scaled, _] = within(&|u| 1.0 + 4.0 * (u.abs() - 0.7).max(0.0) / 0.3);
+        assert!(stated < 85.0 && (91.2..96.0).contains(&scaled), "{stated} {scaled}");
+        let [stated, scaled, factor] = within(&|_| 1.0);
+        assert!((92.5..97.5).contains(&stated) && (92.5..97.5).contains(&scaled) && factor < 1.02, "{stated} {scaled} {factor}");
+    }
 }
