@@ -305,7 +305,7 @@ fn time_shift(_: &CleanRun, _: bool, random: &mut Random) -> Effect {
     effect.exact(true).scaled("dt", "s", shift_s)
 }
 
-fn earthfield_leakage(_: &CleanRun, exact: bool, random: &mut Random) -> Effect {
+fn earthfield_leakage(clean: &CleanRun, exact: bool, random: &mut Random) -> Effect {
     let w = weights(random);
     let mix = if exact { 0.0 } else { random.between(-0.3, 0.3) };
     let shape = linear(move |clean, s| {
@@ -316,7 +316,10 @@ fn earthfield_leakage(_: &CleanRun, exact: bool, random: &mut Random) -> Effect 
         scale(w, |i| own[i] + mix * own[(i + 1) % 3])
     });
     let effect = Effect::new("earthfield_leakage", "variometer, with some of the next axis", shape).on(w).exact(exact);
-    effect.per_axis("k", "enT/nT", w)
+    // The field that leaks is read by the sensor like any other.
+    let response = clean.response_at(clean.follows_degc(clean.count / 2));
+    let ent_per_nt = |i: usize| (0..3).map(|k| response[i][k] * clean.towards[i][k]).sum::<f64>();
+    effect.per_axis("k", "nT/nT", std::array::from_fn(|i| w[i] / ent_per_nt(i)))
 }
 
 fn heater_pwm(clean: &CleanRun, _: bool, random: &mut Random) -> Effect {
