@@ -13,6 +13,7 @@ mod diagnose;
 mod diagnose_across;
 mod diagnose_freq;
 mod diagnose_samples;
+mod diagnose_strong;
 mod diagnose_verdict;
 mod docs;
 mod exclusion;

@@ -2,7 +2,7 @@
 //! where the means leave nothing it is what is left.
 
 use super::result::{Left, Step};
-use super::samples::{self, Inside};
+use super::samples::{self, AroundMeans, Inside};
 use super::steps::acts_on;
 use super::words;
 use crate::data::note::Note;
@@ -25,39 +25,54 @@ pub(super) struct Beside {
     at_end: [bool; 3],
     /// Components that stand still for a while.
     still: [bool; 3],
+    /// Whether parts of a periodic signal were left out of the means as spikes: what is taken off the means is then not what is in them.
+    is_cut: bool,
 }
 
 impl Beside {
-    /// Of a run whose samples are given as they were recorded, and without what the temperature moves; `inside` is what they show. Notes say what was seen.
+    /// Of a run whose samples are given as they were recorded, and without what the temperature moves; `inside` is what they show and `around` what periodic
+    /// signals leave of them. Notes say what was seen.
     pub fn of(
         prepared: &PreparedRun,
         [recorded, steady]: [Option<&Samples>; 2],
         plateaus: &Plateaus,
         inside: &[Inside],
+        around: Option<&AroundMeans>,
         notes: &mut Vec<Note>,
     ) -> Self {
         let mut beside = Self { follows: plateaus.still_follows.is_some(), ..Self::default() };
         let (Some(recorded), Some(steady)) = (recorded, steady) else { return beside };
         // What makes the most of what follows useless comes first.
         let mut left: Vec<Left> = Vec::new();
-        if prepared.record.has_fields() {
-            for end in samples::at_end(prepared, recorded, plateaus) {
+        if let Some(cut) = samples::cut(plateaus, inside) {
+            beside.is_cut = true;
+            notes.push(cut);
+        }
+        let narrow = || around.and_then(|around| samples::narrow(prepared, steady, around));
+        let narrow = if prepared.record.has_fields() {
+            let noise_ent = samples::usual_std(recorded, &prepared.windows);
+            let of_edges = || samples::apart(prepared, recorded, plateaus, noise_ent);
+            let (at_end, (apart, narrow)) =
+                rayon::join(|| samples::at_end(recorded, plateaus, noise_ent), || rayon::join(of_edges, narrow));
+            for end in at_end {
                 beside.at_end[end.axis] = true;
                 notes.push(end.note());
             }
-            if let Some(apart) = samples::apart(prepared, recorded, plateaus) {
+            if let Some(apart) = apart {
                 beside.is_apart = true;
                 notes.push(apart.note());
                 left.push(apart.left(prepared));
             }
+            narrow
         } else {
             for still in samples::still(recorded) {
                 beside.still[still.axis] = true;
                 notes.push(still.note());
                 left.push(still.left(prepared));
             }
-        }
-        left.extend(samples::narrow(prepared, steady, inside));
+            narrow()
+        };
+        left.extend(narrow);
         beside.left = left.into_iter().next();
         beside
     }
@@ -90,6 +105,9 @@ impl Beside {
         }
         if family == Family::DataFault {
             return false;
+        }
+        if self.is_cut && step.effect.in_samples().is_none() {
+            return true;
         }
         let acts = acts_on(step, record);
         let meets = |axes: [bool; 3]| (0..3).any(|a| axes[a] && acts[a]);
@@ -166,6 +184,17 @@ mod tests {
             (&nothing, drift(), "is"),
         ] {
             assert_eq!(wording(beside, effect), said, "{effect}");
+        }
+    }
+
+    /// Of means without parts of a switched signal nothing is certain.
+    #[test]
+    fn nothing_is_certain_in_means_without_parts_of_a_signal() {
+        for is_cut in [false, true] {
+            let beside = Beside { is_cut, ..Beside::default() };
+            assert_eq!(wording(&beside, drift()) == "is", !is_cut);
+            let of_field = Catalogue::default().iter().find(|effect| effect.about().family == Family::StaticOdd).unwrap();
+            assert_eq!(wording(&beside, of_field) == "is", !is_cut);
         }
     }
 

@@ -40,7 +40,9 @@ impl Candidate {
     #[must_use]
     pub fn of_readings(effect: EffectRef, spec: Spec, columns: Vec<Column>) -> Self {
         let n = columns.first().map_or(0, |c| c.values.len());
-        let stacked = DMatrix::from_fn(3 * n, columns.len(), |i, j| columns[j].values[i % n][i / n]);
+        let of_axis = |column: &Column, a: usize| column.values.iter().map(move |value| value[a]).collect::<Vec<f64>>();
+        let stacked: Vec<f64> = columns.iter().flat_map(|column| [0, 1, 2].map(|a| of_axis(column, a))).flatten().collect();
+        let stacked = DMatrix::from_vec(3 * n, columns.len(), stacked);
         let covariate = effect.is_unknown().then(|| spec.form.clone());
         Self::new(effect, covariate, spec, columns.into_iter().map(|c| (c.name, c.unit)).collect(), stacked)
     }

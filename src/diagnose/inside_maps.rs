@@ -1,13 +1,16 @@
 //! What happens inside the plateaus as means for the pictures: transients over the time since the step, edges, folded signals.
 
 use super::result::{InsideBin, InsideMap};
-use super::samples::{Inside, demean, phases, remove, remove_raw, windows_of};
+use super::samples::{Inside, demean, phases, remove_raw, windows_of};
 use crate::model::effects::in_samples::InSamples;
 use crate::model::effects::time_shift::SHIFT;
 use crate::record::prepared::{PreparedRun, Samples};
+use rayon::prelude::*;
 
 /// Bins of a period.
 const FOLDS: usize = 40;
+/// Windows that are folded at once.
+const WINDOWS_AT_ONCE: usize = 16;
 /// Bins around an edge.
 const EDGE_BINS: usize = 60;
 /// An edge is shown this many displacements to either side.
@@ -38,6 +41,18 @@ impl Cell {
         sum.before += weight * before;
         sum.after += weight * after;
         sum.after_squares += after * after;
+    }
+
+    /// With the samples of another one.
+    fn join(&mut self, other: &Self) {
+        for (sum, other) in self.0.iter_mut().zip(&other.0) {
+            sum.x += other.x;
+            sum.count += other.count;
+            sum.weights += other.weights;
+            sum.before += other.before;
+            sum.after += other.after;
+            sum.after_squares += other.after_squares;
+        }
     }
 
     fn bin(&self, factor: f64) -> InsideBin {
@@ -74,7 +89,9 @@ pub fn of(
         // From signal to signal on the same windows there is one more to take off.
         let mut now = left.take().filter(|left| left.windows == windows).unwrap_or_else(|| Left::new(samples, windows));
         now.take_off(prepared, samples, &all[..known + index]);
-        let map = of_one(prepared, samples, &now, found, step + index);
+        let is_periodic = matches!(found.effect.in_samples(), Some(InSamples::Line(_) | InSamples::Comb(_)));
+        let map =
+            if is_periodic { periodic } else { of_steps }(prepared, samples, &mut now, &all[..=known + index], step + index);
         left = Some(now);
         map
     };
@@ -110,31 +127,62 @@ impl Left {
         }
         self.count = signals.len();
     }
+
+    /// Cells of a period, to which every sample is added by the time within the period and the values around the means of its window.
+    fn folded(&self, samples: &Samples, period_s: f64, add: impl Fn(&mut Cell, f64, [f64; 3]) + Sync) -> Vec<Cell> {
+        let of_windows = |windows: &[[usize; 2]]| {
+            let mut cells = vec![Cell::default(); FOLDS];
+            for [from, to] in windows {
+                let own = self.values.each_ref().map(|values| &values[*from..*to]);
+                let means = own.map(|values| values.iter().sum::<f64>() / values.len().max(1) as f64);
+                for (k, t_s) in samples.t_s[*from..*to].iter().enumerate() {
+                    let turns = t_s / period_s;
+                    let phase = turns - turns.floor();
+                    let cell = &mut cells[((phase * FOLDS as f64) as usize).min(FOLDS - 1)];
+                    add(cell, phase * period_s, std::array::from_fn(|a| own[a][k] - means[a]));
+                }
+            }
+            cells
+        };
+        // Added up in the order of the windows, whatever the threads.
+        let parts: Vec<Vec<Cell>> = self.windows.par_chunks(WINDOWS_AT_ONCE).map(of_windows).collect();
+        let mut cells = vec![Cell::default(); FOLDS];
+        parts.iter().for_each(|part| cells.iter_mut().zip(part).for_each(|(cell, part)| cell.join(part)));
+        cells
+    }
 }
 
-/// The picture of something found in the samples.
-fn of_one(prepared: &PreparedRun, samples: &Samples, left: &Left, found: &Inside, step: usize) -> Option<InsideMap> {
-    let windows = &left.windows;
+/// The picture of the last of some signals, which follows the steps of the field and is taken off.
+fn of_steps(prepared: &PreparedRun, samples: &Samples, left: &mut Left, signals: &[Inside], step: usize) -> Option<InsideMap> {
+    let found = signals.last()?;
     let mut before = left.values.clone();
+    left.take_off(prepared, samples, signals);
+    let mut after = left.values.clone();
     if matches!(found.effect.in_samples()?, InSamples::Edges) {
-        let mut after = before.clone();
-        remove_raw(&mut after, &prepared.record, samples, windows, found);
         return edges(prepared, samples, &before, &after, found, step);
     }
-    demean(&mut before, windows);
-    let mut after = before.clone();
-    remove(&mut after, &prepared.record, samples, windows, found);
-    if matches!(found.effect.in_samples()?, InSamples::Transient(_)) {
-        return transients(prepared, samples, windows, [&before, &after], step);
-    }
+    demean(&mut before, &left.windows);
+    demean(&mut after, &left.windows);
+    transients(prepared, samples, &left.windows, [&before, &after], step)
+}
+
+/// The same of one that comes again: means over its period.
+fn periodic(prepared: &PreparedRun, samples: &Samples, left: &mut Left, signals: &[Inside], step: usize) -> Option<InsideMap> {
+    let found = signals.last()?;
     let period_s = found.effect.period_s(&found.spec).filter(|p| *p > 0.0)?;
-    let mut cells = vec![Cell::default(); FOLDS];
-    for k in windows.iter().flat_map(|[from, to]| *from..*to) {
-        let phase = (samples.t_s[k] / period_s).rem_euclid(1.0);
-        let cell = &mut cells[((phase * FOLDS as f64) as usize).min(FOLDS - 1)];
-        (0..3).for_each(|a| cell.add(a, phase * period_s, prepared.nt_per_ent[a].recip(), before[a][k], after[a][k]));
-    }
     // A weight of enT per nT makes nT of readings; the mean over a bin is the sum over the number.
+    let weights = prepared.nt_per_ent.map(f64::recip);
+    let mut cells = left.folded(samples, period_s, |cell, x, values| {
+        (0..3).for_each(|a| cell.add(a, x, weights[a], values[a], 0.0));
+    });
+    left.take_off(prepared, samples, signals);
+    let after = left.folded(samples, period_s, |cell, _, values| {
+        for ((sum, value), weight) in cell.0.iter_mut().zip(values).zip(weights) {
+            sum.after += weight * value;
+            sum.after_squares += value * value;
+        }
+    });
+    cells.iter_mut().zip(&after).for_each(|(cell, after)| cell.join(after));
     Some(InsideMap {
         step,
         covariate: format!("time within the period of {period_s:.5} s, s"),

@@ -8,7 +8,7 @@ use super::lag::FoundLag;
 use super::means::Means;
 use super::problem;
 use super::result::{Diagnosis, Pictures, Step};
-use super::samples::{self, Coarse, Inside};
+use super::samples::{self, AroundMeans, Coarse, Inside};
 use super::steps::{fit_into, inside_step};
 use super::{DiagnoseError, Given, Options, inside_maps, lag};
 use crate::data::note::{Note, NoteKind};
@@ -44,6 +44,8 @@ struct Shown {
     all: Vec<Inside>,
     /// How many were known before.
     known: usize,
+    /// What they leave of the samples around the means.
+    around: Option<AroundMeans>,
 }
 
 impl Shown {
@@ -140,7 +142,7 @@ pub(super) fn run(
     if !inside.all.iter().any(|f| f.effect.in_samples().is_some_and(InSamples::follows_steps)) {
         notes.extend(samples::loud(plateaus));
     }
-    let beside = Beside::of(&prepared, [recorded, samples], plateaus, &inside.all, &mut notes);
+    let beside = Beside::of(&prepared, [recorded, samples], plateaus, &inside.all, inside.around.as_ref(), &mut notes);
     if run.vectors.lost > 0 {
         let text = conditions::lost(run.vectors.lost, run.vectors.gap_count);
         notes.push(Note::new(NoteKind::Data, text));
@@ -185,7 +187,7 @@ fn in_samples(
     known: Vec<Inside>,
     catalogue: &Catalogue,
 ) -> Shown {
-    let mut inside = Shown { known: known.len(), all: known };
+    let mut inside = Shown { known: known.len(), all: known, around: None };
     let Some(samples) = samples else { return inside };
     if prepared.record.has_fields() {
         let shift = samples::displaced(prepared, samples);
@@ -199,7 +201,8 @@ fn in_samples(
         }
     }
     let periodic = samples::periodic(prepared, samples, &inside.all, catalogue);
-    inside.all.extend(periodic);
+    inside.all.extend(periodic.found);
+    inside.around = periodic.left;
     inside
 }
 

@@ -1,6 +1,7 @@
 //! What happens inside the plateaus: displaced edges, transients after steps, periodic signals.
 
 mod coarse;
+mod cut;
 mod edges;
 mod end_of_range;
 mod loud;
@@ -12,15 +13,17 @@ mod transients;
 
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::fit::statistics::{median, robust_std};
+use crate::model::effects::in_samples::{InSamples, Line};
 use crate::model::effects::{EffectRef, Record, Row, Spec};
 use crate::record::prepared::{PreparedRun, Samples};
 pub(super) use coarse::{Coarse, coarse};
+pub(super) use cut::cut;
 pub(super) use edges::apart;
 pub use edges::displaced;
 pub(super) use end_of_range::at_end;
 pub use loud::loud;
 pub(super) use narrow::narrow;
-pub use periodic::periodic;
+pub use periodic::{AroundMeans, Periodic, periodic};
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 pub(super) use still::still;
@@ -77,6 +80,25 @@ impl Inside {
         }
     }
 
+    /// The same with the other sign.
+    fn negative(&self) -> Self {
+        Inside { values: self.values.iter().map(|(value, std)| (-value, *std)).collect(), ..self.clone() }
+    }
+
+    /// What it is a line of, and its frequency, Hz; `None` if it is none.
+    fn line(&self) -> Option<(Line, f64)> {
+        let Some(InSamples::Line(line)) = self.effect.in_samples() else { return None };
+        Some((line, self.spec.get(line.frequency)?))
+    }
+
+    /// Sizes of sine and cosine of a line on each component, enT.
+    fn sin_and_cos(&self) -> [[f64; 2]; 3] {
+        [0, 1, 2].map(|a| match of_axis(&self.spec, a, 2, &self.values) {
+            [(sin, _), (cos, _)] => [*sin, *cos],
+            _ => [0.0; 2],
+        })
+    }
+
     /// An effect that is known from elsewhere.
     #[must_use]
     pub fn known(given: &crate::record::known::Given) -> Self {
@@ -100,14 +122,15 @@ fn sample_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
 }
 
 /// The same, of which edges and spikes inside the plateaus are no part; where most neighbours are equal it says nothing, and they are.
-fn usual_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
+pub(super) fn usual_std(samples: &Samples, windows: &[[usize; 2]]) -> [f64; 3] {
     let usual = |a: usize| {
         let readings = |[from, to]: &[usize; 2]| &samples.reading_ent[*from..*to];
         let steps = windows.iter().map(readings).flat_map(|own| own.windows(2)).map(|pair| pair[1][a] - pair[0][a]);
         robust_std(steps) / SQRT_2
     };
-    let all = sample_std(samples, windows);
-    [0, 1, 2].map(|a: usize| Some(usual(a)).filter(|std| *std > 0.0).unwrap_or(all[a]))
+    let mut std = sample_std(samples, windows);
+    std.par_iter_mut().enumerate().for_each(|(a, std)| *std = Some(usual(a)).filter(|usual| *usual > 0.0).unwrap_or(*std));
+    std
 }
 
 /// Time between samples, s.
@@ -158,9 +181,9 @@ pub fn measure(prepared: &PreparedRun, samples: &Samples, settings: &[[f64; 2]],
         remove_raw(&mut residual, &prepared.record, samples, &windows, signal);
     }
     demean(&mut residual, &windows);
-    found.rms_ent[0] = rms(&residual, &windows);
+    found.rms_ent[0] = rms(&squares_of_all(&residual, &windows), &windows);
     remove(&mut residual, &prepared.record, samples, &windows, found);
-    found.rms_ent[1] = rms(&residual, &windows);
+    found.rms_ent[1] = rms(&squares_of_all(&residual, &windows), &windows);
     let chi = |rms: [f64; 3]| (0..3).map(|a| (rms[a] / noise[a].max(f64::MIN_POSITIVE)).powi(2) * count as f64).sum::<f64>();
     found.squares = [chi(found.rms_ent[0]), chi(found.rms_ent[1]), 3.0 * count as f64];
 }
@@ -201,6 +224,21 @@ pub(super) fn remove_raw(
     windows: &[[usize; 2]],
     signal: &Inside,
 ) {
+    let parts: Vec<[usize; 2]> = windows
+        .iter()
+        .flat_map(|[from, to]| (*from..*to).step_by(AT_ONCE).map(|begin| [begin, (begin + AT_ONCE).min(*to)]))
+        .collect();
+    let own = parts_mut(residual, parts.iter().copied());
+    if let Some((line, frequency_hz)) = signal.line() {
+        let sizes = signal.sin_and_cos();
+        parts.par_iter().zip(own).for_each(|([from, to], [x, y, z])| {
+            for (((t_s, x), y), z) in samples.t_s[*from..*to].iter().zip(x).zip(y).zip(z) {
+                let (sin, cos) = (line.wave)(frequency_hz, [*t_s; 2]);
+                [x, y, z].into_iter().zip(sizes).for_each(|(value, [s, c])| *value -= s * sin + c * cos);
+            }
+        });
+        return;
+    }
     // Times and steps only.
     let bare = Record {
         rows: Vec::new(),
@@ -219,20 +257,28 @@ pub(super) fn remove_raw(
         earlier_coil_nt: Default::default(),
         linear_ent: [0.0; 3],
     };
-    let parts: Vec<[usize; 2]> = windows
-        .iter()
-        .flat_map(|[from, to]| (*from..*to).step_by(AT_ONCE).map(|begin| [begin, (begin + AT_ONCE).min(*to)]))
-        .collect();
-    let own = parts_mut(residual, parts.iter().copied());
+    // What comes again has one course on all of its axes, which is asked for once.
+    let course = signal.effect.period_s(&signal.spec).and(signal.spec.axes.first());
+    let course = course.map(|axis| (*axis, Spec { axes: vec![*axis], ..signal.spec.clone() }));
     parts.par_iter().zip(own).for_each(|([from, to], axes)| {
         let record = Record { rows: (*from..*to).map(row).collect(), ..bare.clone() };
-        let Some(columns) = signal.effect.columns(&record, &signal.spec) else { return };
+        let Some(columns) = signal.effect.columns(&record, course.as_ref().map_or(&signal.spec, |(_, one)| one)) else { return };
         for (a, values) in axes.into_iter().enumerate() {
-            for (row, value) in values.iter_mut().enumerate() {
-                *value -= columns.iter().zip(&signal.values).map(|(c, (size, _))| size * c.values[row][a]).sum::<f64>();
+            let (component, sizes) = match &course {
+                Some((axis, _)) => (*axis, of_axis(&signal.spec, a, columns.len(), &signal.values)),
+                None => (a, &signal.values[..]),
+            };
+            for (column, (size, _)) in columns.iter().zip(sizes) {
+                values.iter_mut().zip(&column.values).for_each(|(value, by)| *value -= size * by[component]);
             }
         }
     });
+}
+
+/// Of the parameters of a term, so many per axis, those of an axis; none where it does not act.
+fn of_axis<'a>(spec: &Spec, axis: usize, per_axis: usize, values: &'a [(f64, f64)]) -> &'a [(f64, f64)] {
+    let place = spec.axes.iter().position(|a| *a == axis);
+    place.and_then(|k| values.get(k * per_axis..(k + 1) * per_axis)).unwrap_or_default()
 }
 
 pub(super) fn remove(residual: &mut [Vec<f64>; 3], record: &Record, samples: &Samples, windows: &[[usize; 2]], signal: &Inside) {
@@ -245,8 +291,13 @@ fn squares(values: &[f64], windows: &[[usize; 2]]) -> Vec<f64> {
     windows.par_iter().map(|[from, to]| values[*from..*to].iter().map(|v| v * v).sum()).collect()
 }
 
-fn rms(residual: &[Vec<f64>; 3], windows: &[[usize; 2]]) -> [f64; 3] {
+/// The same of each component.
+fn squares_of_all(residual: &[Vec<f64>; 3], windows: &[[usize; 2]]) -> [Vec<f64>; 3] {
+    residual.each_ref().map(|values| squares(values, windows))
+}
+
+/// Root mean squares of the components by the squares of the windows.
+fn rms(squares: &[Vec<f64>; 3], windows: &[[usize; 2]]) -> [f64; 3] {
     let count: f64 = windows.iter().map(|[from, to]| (to - from) as f64).sum();
-    let sum = |values: &Vec<f64>| squares(values, windows).into_iter().fold(0.0, |sum, own| sum + own);
-    residual.each_ref().map(|values| (sum(values) / f64::max(count, 1.0)).sqrt())
+    squares.each_ref().map(|own| (own.iter().fold(0.0, |sum, own| sum + own) / f64::max(count, 1.0)).sqrt())
 }

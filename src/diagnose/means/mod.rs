@@ -103,22 +103,24 @@ struct Estimated {
 
 /// Candidates of all effects of a catalogue and of all unknown dependences, and the effects that have none.
 fn candidates(record: &Record, catalogue: &Catalogue) -> (Vec<Candidate>, Vec<Absent>) {
-    let (mut candidates, mut absent) = (Vec::new(), Vec::new());
+    let (mut forms, mut absent) = (Vec::new(), Vec::new());
     for effect in catalogue.iter() {
         match effect.specs(record) {
-            Ok(specs) => candidates.extend(specs.into_iter().filter_map(|spec| {
-                let columns = effect.columns(record, &spec)?;
-                Some(Candidate::of_readings(effect, spec, columns))
-            })),
+            Ok(specs) => forms.extend(specs.into_iter().map(|spec| (effect, spec))),
             Err(reason) => absent.push(Absent { effect, reason }),
         }
     }
+    forms.extend(UNKNOWN.specs(record).unwrap_or_default().into_iter().map(|spec| (UNKNOWN, spec)));
     let covariates = Covariate::all(record);
-    for spec in UNKNOWN.specs(record).unwrap_or_default() {
-        let columns = covariates.iter().find(|c| c.name == spec.form).and_then(|c| effects::unknown_columns(record, c, &spec));
-        candidates.extend(columns.map(|columns| Candidate::of_readings(UNKNOWN, spec, columns)));
-    }
-    (candidates, absent)
+    let candidate = |(effect, spec): (EffectRef, Spec)| {
+        let columns = if effect.is_unknown() {
+            covariates.iter().find(|c| c.name == spec.form).and_then(|c| effects::unknown_columns(record, c, &spec))
+        } else {
+            effect.columns(record, &spec)
+        };
+        Some(Candidate::of_readings(effect, spec, columns?))
+    };
+    (forms.into_par_iter().filter_map(candidate).collect(), absent)
 }
 
 /// What the noise depends on: times, white variances and fields of the rows.

@@ -8,6 +8,7 @@ use crate::data::note::{Note, NoteKind};
 use crate::data::units::{COMPONENTS, three_digits};
 use crate::fit::statistics::median;
 use crate::record::prepared::Samples;
+use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// What is kept of a step counts from this part of the noise of a mean on.
@@ -39,9 +40,9 @@ impl Coarse {
     }
 }
 
-/// The value that a part of them is less than or equal to; none of none.
-fn quantile(mut values: Vec<f64>, part: f64) -> Option<f64> {
-    let place = (part * values.len() as f64) as usize;
+/// The value that so many others are less than or equal to; none if there are not so many. It reorders the values.
+fn smallest(values: &mut [f64], place: f64) -> Option<f64> {
+    let place = place as usize;
     (place < values.len()).then(|| *values.select_nth_unstable_by(place, f64::total_cmp).1)
 }
 
@@ -54,16 +55,19 @@ pub(in crate::diagnose) fn coarse(samples: &Samples, settings: &[[f64; 2]]) -> V
             let own = windows.iter().flat_map(|[from, to]| samples.reading_ent[*from..*to].windows(2));
             own.map(move |pair| (pair[1][axis] - pair[0][axis]).abs())
         };
+        let mut all: Vec<f64> = steps().collect();
+        let count = all.len() as f64;
+        let equal = all.iter().filter(|step| **step == 0.0).count() as f64;
         // Samples behind a filter, at edges, stand between the steps; and an edge within a setting is no noise.
-        let step_ent = quantile(steps().filter(|step| *step > 0.0).collect(), FEW)?;
-        let most = quantile(steps().collect(), 1.0 - 2.0 * FEW)?;
+        let most = smallest(&mut all, (1.0 - 2.0 * FEW) * count)?;
+        let step_ent = smallest(&mut all, equal + FEW * (count - equal))?;
         let kept: Vec<f64> = steps().filter(|step| *step <= most.max(step_ent)).collect();
         let variance = kept.iter().map(|step| step * step).sum::<f64>() / (2.0 * kept.len() as f64);
         let before = (variance - step_ent * step_ent / 12.0).max(0.0);
         let kept_ent = step_ent / PI * (-2.0 * PI * PI * before / (step_ent * step_ent)).exp();
         (kept_ent > COUNTS * (variance / usual).sqrt()).then_some(Coarse { axis, step_ent, kept_ent })
     };
-    (0..3).filter_map(of_axis).collect()
+    (0..3).into_par_iter().filter_map(of_axis).collect()
 }
 
 #[cfg(test)]

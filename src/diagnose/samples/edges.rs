@@ -1,6 +1,6 @@
 //! Displaced edges: data and settings that step at different times, all of them or some.
 
-use super::{Inside, interval_s, level, of_settings, usual_std};
+use super::{Inside, interval_s, level, of_settings};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Displacement, Plateau, Plateaus};
 use crate::data::units::{COMPONENTS, first_times};
@@ -9,6 +9,7 @@ use crate::fit::statistics::median;
 use crate::model::effects::EffectRef;
 use crate::model::effects::time_shift::{self, TimeShift};
 use crate::record::prepared::{PreparedRun, Samples};
+use rayon::prelude::*;
 
 /// Least part of a setting that shows another level, in samples: one sample of it is what the low-pass of every sensor and the place of the samples
 /// between the edges make.
@@ -95,16 +96,22 @@ impl Apart {
     }
 }
 
-/// Where some edges stand elsewhere than the others.
-pub(in crate::diagnose) fn apart(prepared: &PreparedRun, samples: &Samples, plateaus: &Plateaus) -> Option<Apart> {
+/// Where some edges stand elsewhere than the others, beside the noise of a sample of each component, enT.
+pub(in crate::diagnose) fn apart(
+    prepared: &PreparedRun,
+    samples: &Samples,
+    plateaus: &Plateaus,
+    noise_ent: [f64; 3],
+) -> Option<Apart> {
     let interval_s = interval_s(samples)?;
     let settings = of_settings(samples, plateaus);
-    let noise_ent = usual_std(samples, &prepared.windows);
     let least_ent = CLEAR * dot(noise_ent, noise_ent).sqrt();
     let zero_ent = level_of_zero(prepared);
     let of_side = |is_late: bool| -> Option<Apart> {
         // Either the setting beside goes on until there, or nothing is applied between them: what most edges show that show anything.
-        let both = [None, zero_ent].map(|between| edges_of(samples, &settings, between, least_ent, is_late));
+        let quarters = if is_late { [2, 3] } else { [1, 2] };
+        let own: Vec<Option<[f64; 3]>> = settings.par_iter().map(|(_, window)| level(samples, *window, quarters)).collect();
+        let both = [None, zero_ent].map(|between| edges_of(samples, &settings, &own, between, least_ent, is_late));
         let show = |edges: &Vec<Edge>| edges.iter().filter(|edge| edge.shown as f64 > AGREE).count();
         let [beside, between] = both;
         let mut edges = if show(&between) > show(&beside) { between } else { beside };
@@ -152,16 +159,16 @@ struct Edge {
     step_ent: [f64; 3],
 }
 
-/// The edges that are to be seen at the begins of settings, or at their ends; beyond them is the level of the setting there, or the one that is given.
+/// The edges that are to be seen at the begins of settings with their own levels, or at their ends; beyond them is the level of the setting there, or
+/// the one that is given.
 fn edges_of(
     samples: &Samples,
     settings: &[(&Plateau, [usize; 2])],
+    own: &[Option<[f64; 3]>],
     between: Option<[f64; 3]>,
     least_ent: f64,
     is_late: bool,
 ) -> Vec<Edge> {
-    let quarters = if is_late { [2, 3] } else { [1, 2] };
-    let own: Vec<Option<[f64; 3]>> = settings.iter().map(|(_, window)| level(samples, *window, quarters)).collect();
     let of = |i: usize| -> Option<Edge> {
         let (plateau, [from, to]) = settings[i];
         let next = if is_late { i.checked_sub(1)? } else { i + 1 };

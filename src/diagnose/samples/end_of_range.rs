@@ -1,11 +1,12 @@
 //! Components that rest at an end of their range: what they would have read there is not known, and beside a saturation no effect makes it.
 
-use super::{level, of_settings, usual_std};
+use super::{level, of_settings};
 use crate::data::note::{Note, NoteKind};
 use crate::data::plateau::{Plateau, Plateaus};
 use crate::data::units::{COMPONENTS, counted};
 use crate::fit::statistics::extremes;
-use crate::record::prepared::{PreparedRun, Samples};
+use crate::record::prepared::Samples;
+use rayon::prelude::*;
 
 /// The end of a range lies so many standard deviations of a sample beyond the levels of all settings, and is read in so many of them: a spike is read
 /// once.
@@ -43,14 +44,13 @@ impl AtEnd {
     }
 }
 
-/// The components that do, one entry for each end.
-pub(in crate::diagnose) fn at_end(prepared: &PreparedRun, samples: &Samples, plateaus: &Plateaus) -> Vec<AtEnd> {
+/// The components that do, one entry for each end; beside the noise of a sample of each, enT.
+pub(in crate::diagnose) fn at_end(samples: &Samples, plateaus: &Plateaus, noise_ent: [f64; 3]) -> Vec<AtEnd> {
     let mut settings = of_settings(samples, plateaus);
     settings.retain(|(plateau, [from, to])| plateau.dropped.is_none() && from < to);
     let levels: Vec<[f64; 3]> = settings.iter().filter_map(|(_, window)| level(samples, *window, [1, 3])).collect();
-    let noise_ent = usual_std(samples, &prepared.windows);
-    let mut all = Vec::new();
-    for axis in 0..3 {
+    let of_axis = |axis: usize| {
+        let mut all = Vec::new();
         let readings = |(_, [from, to]): &(&Plateau, [usize; 2])| -> Vec<f64> {
             samples.reading_ent[*from..*to].iter().map(|reading| reading[axis]).collect()
         };
@@ -67,8 +67,9 @@ pub(in crate::diagnose) fn at_end(prepared: &PreparedRun, samples: &Samples, pla
                 all.push(AtEnd { axis, reading_ent: end, settings: count });
             }
         }
-    }
-    all
+        all
+    };
+    (0..3).into_par_iter().flat_map_iter(of_axis).collect()
 }
 
 /// Whether the readings of a setting are cut off at a reading.

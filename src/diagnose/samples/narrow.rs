@@ -7,13 +7,15 @@
 //! mirror, a band has one neighbour. How far bands scatter is seen in groups of parts, whatever the distribution of the noise. Since a band has to
 //! stand out twice, white noise does so less often than the probability says.
 
-use super::periodic::left_inside;
-use super::{Inside, interval_s};
+use super::interval_s;
+use super::periodic::AroundMeans;
 use crate::data::units::{COMPONENTS, three_digits};
 use crate::diagnose::result::{Left, LeftLike};
 use crate::fit::statistics::student_tail;
 use crate::record::prepared::{PreparedRun, Samples};
+use rayon::prelude::*;
 use realfft::RealFftPlanner;
+use realfft::num_complex::Complex;
 
 /// Samples of a part: the first length of which there are enough.
 const LENGTHS: [usize; 2] = [64, 32];
@@ -35,14 +37,13 @@ const SIGNIFICANT: f64 = 1e-4;
 /// The three axes and their mean.
 const SERIES: usize = 4;
 
-/// What is left in a narrow band beside signals that are known, if it is no noise.
-pub(in crate::diagnose) fn narrow(prepared: &PreparedRun, samples: &Samples, known: &[Inside]) -> Option<Left> {
+/// What periodic signals leave in a narrow band, if it is no noise.
+pub(in crate::diagnose) fn narrow(prepared: &PreparedRun, samples: &Samples, (windows, residual): &AroundMeans) -> Option<Left> {
     let interval_s = interval_s(samples)?;
     if !(0..3).all(|a| changes(samples, &prepared.windows, a)) {
         return None;
     }
-    let (windows, residual) = left_inside(prepared, samples, known)?;
-    let found = strongest(&samples.t_s, &windows, &residual, interval_s)?;
+    let found = strongest(&samples.t_s, windows, residual, interval_s)?;
     let axes: Vec<usize> = if found.series < 3 { vec![found.series] } else { vec![0, 1, 2] };
     let nt = |a: usize| found.rms_ent[a] * prepared.nt_per_ent[a];
     let [from_hz, to_hz] = found.band_hz.map(three_digits);
@@ -111,30 +112,34 @@ impl Spectra {
     /// Of parts of so many samples that begin there.
     fn new(begins: &[usize], length: usize, residual: &[Vec<f64>; 3]) -> Option<Self> {
         let fft = RealFftPlanner::<f64>::new().plan_fft_forward(length);
-        let (mut input, mut lines) = (fft.make_input_vec(), fft.make_output_vec());
-        let mut parts: Vec<[Vec<f64>; 3]> = Vec::with_capacity(begins.len());
-        let mut variance_ent2: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; length / 2]);
-        // Every line but that of half of the sample rate has a twin at its negative frequency.
-        let twins = |line: usize| if line + 1 < length / 2 { 2.0 } else { 1.0 };
-        for begin in begins {
+        let of_part = |(input, lines): &mut (Vec<f64>, Vec<Complex<f64>>), begin: &usize| -> Option<[Vec<f64>; 3]> {
             let mut part: [Vec<f64>; 3] = Default::default();
             for a in 0..3 {
                 input.copy_from_slice(residual[a].get(*begin..begin + length)?);
-                fft.process(&mut input, &mut lines).ok()?;
+                fft.process(input, lines).ok()?;
                 part[a] = lines[1..].iter().map(|line| line.norm_sqr()).collect();
             }
+            Some(part)
+        };
+        let memory = || (fft.make_input_vec(), fft.make_output_vec());
+        let mut parts: Vec<[Vec<f64>; 3]> = begins.par_iter().map_init(memory, of_part).collect::<Option<_>>()?;
+        let mut variance_ent2: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; length / 2]);
+        // Every line but that of half of the sample rate has a twin at its negative frequency.
+        let twins = |line: usize| if line + 1 < length / 2 { 2.0 } else { 1.0 };
+        parts.retain_mut(|part| {
             let means = part.each_ref().map(|powers| powers.iter().sum::<f64>() / powers.len() as f64);
             // A component that does not move has no spectrum.
-            if means.iter().all(|mean| *mean > 0.0) {
-                for (a, powers) in part.iter_mut().enumerate() {
-                    for (line, power) in powers.iter_mut().enumerate() {
-                        variance_ent2[a][line] += twins(line) * *power / (length * length) as f64;
-                        *power /= means[a];
-                    }
-                }
-                parts.push(part);
+            if !means.iter().all(|mean| *mean > 0.0) {
+                return false;
             }
-        }
+            for (a, powers) in part.iter_mut().enumerate() {
+                for (line, power) in powers.iter_mut().enumerate() {
+                    variance_ent2[a][line] += twins(line) * *power / (length * length) as f64;
+                    *power /= means[a];
+                }
+            }
+            true
+        });
         if parts.len() < FEWEST_PARTS {
             return None;
         }

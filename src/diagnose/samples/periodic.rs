@@ -3,29 +3,32 @@
 //! This is no choice among candidates of a [`Problem`](crate::diagnose::problem::Problem) but a scan of a spectrum: a record of 20,000 samples
 //! holds 240,000 independent tones and 150 million switched signals, far too many for columns that are scored one by one. The strongest line
 //! of all is taken, its frequency, duty and delay are fitted to the samples, and it is taken off, until lines are no more than noise. The
-//! probability of noise comes from numbers of independent trials that were counted on noise, and a single signal is measured on what the
-//! others leave, so that there is nothing to drop or to swap. What is shared with the search is the difference of evidence that distinguishes
+//! probability of noise comes from numbers of independent trials that were counted on noise, and in the end every signal is fitted again beside
+//! the others, so that there is nothing to drop or to swap. What is shared with the search is the difference of evidence that distinguishes
 //! two explanations, and the builder of steps.
 
 mod joint;
 mod shape;
 mod spectrum;
+mod together;
 mod waves;
 
-use super::{Inside, demean, interval_s, remove, remove_raw, rms};
+use super::{Inside, demean, interval_s, remove, remove_raw, rms, squares_of_all};
 use crate::diagnose::APART;
 use crate::fit::scan::orthonormal;
 use crate::fit::statistics::{log_chi2_tail, median};
 use crate::model::effects::in_samples::{Comb, Harmonic, InSamples, Line};
 use crate::model::effects::time_shift::{SHIFT, TimeShift};
-use crate::model::effects::{Catalogue, EffectRef, Record};
+use crate::model::effects::{Catalogue, EffectRef, Record, Spec};
 use crate::record::prepared::{PreparedRun, Samples};
+use joint::Seen;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use shape::sharpened;
 use spectrum::{Grid, Noise, Spectrum, log_p_of_switched};
 use std::f64::consts::{PI, TAU};
-use waves::{Switched, Wave, Waves};
+use together::Beside;
+use waves::{Switched, TONE_PARAMETERS, Wave, Waves, frequency_std_hz};
 
 /// Probability that noise alone shows as much, all trials counted: in 2000 runs with other effects in them and noise that is seldom quite as
 /// expected, lines of 10⁻⁴ to 10⁻³ came four times as often as they should.
@@ -58,26 +61,36 @@ const MOST_ORDER: usize = 4;
 /// An axis has a signal if its amplitude is beyond so many standard uncertainties; the modulus of sine and cosine has √2 that of either.
 const STANDS_OUT: f64 = 3.0;
 const OF_MODULUS: f64 = 1.41;
-/// Standard uncertainty of the frequency of a sine in white noise at a signal to noise ratio of one, in units of one over the record: √6/(√2 π).
-const OF_FREQUENCY: f64 = 0.55;
 /// A line this near to a harmonic of a known one, as a part of its frequency, is what the known one has beside a pure period. Harmonics above half the
 /// sample rate are folded into places that have nothing to do with that: there it is the same line within so many widths of one, and one more for every order.
 const SAME_LINE: f64 = 0.005;
 const FOLDED_WIDTHS: f64 = 1.0;
 
+/// Parts of a run by their first samples and those behind them, and what is left around their means, by component, enT.
+pub type AroundMeans = (Vec<[usize; 2]>, [Vec<f64>; 3]);
+
+/// Periodic signals, and what they and those that were known before leave.
+#[derive(Default)]
+pub struct Periodic {
+    /// Periodic signals, in the order in which they were found.
+    pub found: Vec<Inside>,
+    /// `None` where there is too little for a spectrum.
+    pub left: Option<AroundMeans>,
+}
+
 /// Periodic signals in what the plateau means leave.
-pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], catalogue: &Catalogue) -> Vec<Inside> {
+pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], catalogue: &Catalogue) -> Periodic {
     let signals = Signals::of(catalogue);
     let mut found: Vec<Inside> = Vec::new();
-    let Some(rate_hz) = interval_s(samples).map(f64::recip) else { return found };
+    let Some(rate_hz) = interval_s(samples).map(f64::recip) else { return Periodic::default() };
     let has_fields = prepared.record.has_fields();
-    let windows = &inside_of(prepared, samples, known, rate_hz);
-    let Some(grid) = Grid::new(samples, windows, rate_hz) else { return found };
+    let windows = inside_of(prepared, samples, known, rate_hz);
+    let Some(grid) = Grid::new(samples, &windows, rate_hz) else { return Periodic::default() };
     // However long the parts are whose means are taken off, slow noise has the lowest frequencies for itself.
     let grid = if has_fields { grid } else { grid.over_rows(&prepared.windows) };
-    let slopes = Slopes::new(samples, windows);
+    let slopes = Slopes::new(samples, &windows);
     // The plan of the transform takes one thread some time.
-    let (mut spectrum, mut residual) = rayon::join(|| Spectrum::new(&grid), || around_means(prepared, samples, windows, known));
+    let (mut spectrum, mut residual) = rayon::join(|| Spectrum::new(&grid), || around_means(prepared, samples, &windows, known));
     let mut quiet = Default::default();
     let mut is_level = [false; 3];
     let level = |residual: &mut [Vec<f64>; 3], is_level: &mut [bool; 3]| {
@@ -86,20 +99,48 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
         });
     };
     level(&mut residual, &mut is_level);
+    // What a known one has beside a pure period, which is no signal of its own.
+    let mut beside_known: Vec<Inside> = Vec::new();
+    // The noise of what the spectrum is of, if it is still that of what is left, all of it or but for harmonics of a tone that are left.
+    let mut beside: Option<NoiseBeside> = None;
     for _ in 0..MOST_SIGNALS {
+        let all = |spectrum: &mut Spectrum| Some(NoiseBeside { noise: spectrum.take(&grid, &residual)?, is_all: true });
+        let Some(mut now) = beside.take().or_else(|| all(&mut spectrum)) else { break };
+        let mut line = shown(&signals, &grid, &spectrum, &now);
+        // Only all of what is left says that there is nothing more.
+        if line.is_none() && !now.is_all {
+            let Some(whole) = all(&mut spectrum) else { break };
+            now = whole;
+            line = shown(&signals, &grid, &spectrum, &now);
+        }
+        let Some(line) = line else {
+            beside = Some(now);
+            break;
+        };
         let taken = Taken { slopes: slopes.as_ref(), is_level };
-        let Some(Found { signal, line_hz }) =
-            strongest(&prepared.record, &signals, &grid, &taken, &mut spectrum, &mut residual, &mut quiet)
+        let mut left = Remaining { grid: &grid, spectrum: &mut spectrum, residual: &mut residual, quiet: &mut quiet };
+        let Some(Found { signal, line_hz, beside: of_found }) =
+            taken_off(&prepared.record, &signals, &taken, &mut left, &line, &now.noise)
         else {
             break;
         };
         // A signal that comes again with the settings had lost a slope that was its own.
         level(&mut residual, &mut is_level);
-        if !known.iter().chain(&found).any(|k| belongs(line_hz, k, &grid)) {
-            found.push(signal);
-        }
+        beside = Some(of_found).filter(|_| signal.line().is_some() && is_level == taken.is_level);
+        let is_new = !known.iter().chain(&found).any(|k| belongs(line_hz, k, &grid));
+        if is_new { &mut found } else { &mut beside_known }.push(signal);
     }
-    found
+    for rest in &beside_known {
+        remove(&mut residual, &prepared.record, samples, &windows, &rest.negative());
+    }
+    if found.len() + beside_known.len() > 1
+        && let Some(noise) = beside.map(|beside| beside.noise).or_else(|| spectrum.take(&grid, &residual))
+    {
+        let taken = Taken { slopes: slopes.as_ref(), is_level };
+        let together = Beside { record: &prepared.record, signals: &signals, taken: &taken, grid: &grid, noise: &noise };
+        together.fit(&mut found, &mut residual);
+    }
+    Periodic { found, left: Some((windows, residual)) }
 }
 
 /// The effects of a catalogue that make periodic signals: one that makes a line, and those that make combs.
@@ -122,10 +163,18 @@ impl Signals {
     }
 }
 
-/// A periodic signal and the line that showed it.
+/// A periodic signal, the line that showed it, and what there is beside this.
 struct Found {
     signal: Inside,
     line_hz: f64,
+    beside: NoiseBeside,
+}
+
+/// The noise beside a line and those of its harmonics that stand out.
+struct NoiseBeside {
+    noise: Noise,
+    /// Whether there are no such harmonics: if it is a tone, what is left without them is all that is left.
+    is_all: bool,
 }
 
 /// Whether a line lies on a harmonic of a known signal, where the samples show it.
@@ -143,16 +192,6 @@ fn belongs(line_hz: f64, known: &Inside, grid: &Grid) -> bool {
 /// The parts of a run whose means are taken off: plateaus, or parts of a record without settings.
 fn inside_of(prepared: &PreparedRun, samples: &Samples, known: &[Inside], rate_hz: f64) -> Vec<[usize; 2]> {
     if prepared.record.has_fields() { beside_edges(prepared, samples, known, rate_hz) } else { joined(&prepared.windows) }
-}
-
-/// Parts of a run by their first samples and those behind them, and what is left around their means, by component, enT.
-type AroundMeans = (Vec<[usize; 2]>, [Vec<f64>; 3]);
-
-/// What known signals leave of the samples around the means of such parts, and these.
-pub(super) fn left_inside(prepared: &PreparedRun, samples: &Samples, known: &[Inside]) -> Option<AroundMeans> {
-    let windows = inside_of(prepared, samples, known, interval_s(samples)?.recip());
-    let residual = around_means(prepared, samples, &windows, known);
-    Some((windows, residual))
 }
 
 /// Readings of the used samples around the means of their plateaus, without what is known already.
@@ -199,8 +238,8 @@ fn clip(values: &mut [f64], windows: &[[usize; 2]]) {
     let around = |values: &[f64], from: usize, to: usize, k: usize| {
         let begin = k.saturating_sub(BESIDE).max(from).min(to.saturating_sub(2 * BESIDE + 1).max(from));
         let near = &values[begin..(begin + 2 * BESIDE + 1).min(to)];
-        // Nearly all samples have as many neighbours, for which no memory is asked.
-        <[f64; 2 * BESIDE + 1]>::try_from(near).map_or_else(|_| median(&mut near.to_vec()), |mut near| median(&mut near))
+        // Nearly all samples have as many neighbours.
+        <[f64; 2 * BESIDE + 1]>::try_from(near).map_or_else(|_| median(&mut near.to_vec()), median_of_five)
     };
     let of_window = |[from, to]: &[usize; 2]| -> Vec<f64> {
         (*from..*to).map(|k| (values[k] - around(values, *from, *to, k)).abs()).collect()
@@ -220,6 +259,12 @@ fn clip(values: &mut [f64], windows: &[[usize; 2]]) {
     if spikes.len() as f64 <= FEW * sizes.len() as f64 {
         spikes.into_iter().for_each(|(k, value)| values[k] = value);
     }
+}
+
+/// The median of five values: of the one that is not in two pairs, the larger of their smaller ones and the smaller of their larger ones.
+fn median_of_five([a, b, c, d, e]: [f64; 2 * BESIDE + 1]) -> f64 {
+    let (low, high) = (a.min(b).max(c.min(d)), a.max(b).min(c.max(d)));
+    low.min(e).max(low.max(e).min(high))
 }
 
 /// Slow changes of plateaus whose means are zero, which would be a saw at the rate of the settings: their slopes follow cosines over the run.
@@ -298,11 +343,9 @@ struct Taken<'a> {
 impl Taken<'_> {
     /// Sizes of a switched signal on the axes, by least squares with all of it in the samples, of which the same was taken off as of the
     /// readings; `None` if it is none.
-    fn sizes_ent(&self, record: &Record, waves: &Waves, effect: EffectRef, form: &Comb, shape: [f64; 3]) -> Option<[f64; 3]> {
-        let [period_s, duty, delay_s] = shape;
+    fn sizes_ent(&self, record: &Record, waves: &Waves, effect: EffectRef, on_all_axes: Spec) -> Option<[f64; 3]> {
         let (samples, windows) = (waves.grid.samples, waves.grid.windows);
-        let unit =
-            Inside { values: vec![(-1.0, 0.0); 3], ..Inside::new(effect, (form.term)(&[0, 1, 2], period_s, duty, delay_s)) };
+        let unit = Inside { values: vec![(-1.0, 0.0); 3], ..Inside::new(effect, on_all_axes) };
         let mut signal: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; samples.t_s.len()]);
         remove(&mut signal, record, samples, windows, &unit);
         for (values, _) in signal.iter_mut().zip(self.is_level).filter(|(_, is_level)| *is_level) {
@@ -354,58 +397,67 @@ impl Trials {
     }
 }
 
-/// The strongest line of the spectra of all components together, if it is no noise, and the noise beside which it stands.
-fn shown(signals: &Signals, grid: &Grid, spectrum: &mut Spectrum, residual: &[Vec<f64>; 3]) -> Option<(Shown, Noise)> {
+/// The strongest line of the spectra of all components together, if it is no noise; combs of lines that are no tones are looked for in all of what is
+/// left.
+fn shown(signals: &Signals, grid: &Grid, spectrum: &Spectrum, NoiseBeside { noise, is_all }: &NoiseBeside) -> Option<Shown> {
     let (step_hz, trials) = (grid.step_hz(), Trials::of(grid));
-    let noise = spectrum.take(grid, residual)?;
-    let lines = spectrum.lines(&noise);
+    let lines = spectrum.lines(noise);
     let (peak, log_p_tone) = lines.tone()?;
     let significant = SIGNIFICANT.ln() - trials.log_tones();
     let is_tone = log_p_tone < significant;
+    if !is_tone && !is_all {
+        return None;
+    }
     let peak = if is_tone { lines.strongest_around(grid, peak, significant) } else { peak };
     let shapes: Vec<Harmonic> = signals.combs.iter().map(|(_, comb)| comb.harmonic).collect();
-    let comb = lines.comb(&shapes).filter(|c| c.log_p + trials.combs < SIGNIFICANT.ln());
+    let comb = if is_tone { lines.comb_of(peak, &shapes) } else { lines.comb(&shapes) };
+    let comb = comb.filter(|c| c.log_p + trials.combs < SIGNIFICANT.ln());
     let (line_hz, p_value) = match &comb {
         _ if is_tone => (peak as f64 * step_hz, log_p_tone.exp()),
         Some(c) => (c.strongest as f64 * c.base * step_hz, (c.log_p + trials.combs - trials.log_tones()).exp()),
         None => return None,
     };
-    Some((Shown { line_hz, p_value, is_tone, comb }, noise))
+    Some(Shown { line_hz, p_value, is_tone, comb })
 }
 
-/// Weights and levels of the noise beside a line: a signal is no noise, and it is measured with what is left without it, which
-/// is put into `quiet`.
-fn noise_beside(
-    line_hz: f64,
-    noise: &Noise,
-    grid: &Grid,
-    spectrum: &mut Spectrum,
-    residual: &[Vec<f64>; 3],
-    quiet: &mut [Vec<f64>; 3],
-) -> Option<Noise> {
-    let with_signal = Waves { grid, noise, residual };
-    let waves = with_signal.harmonics(line_hz, HARMONICS)?;
-    quiet.par_iter_mut().zip(residual).for_each(|(quiet, values)| quiet.clone_from(values));
-    with_signal.take_off(quiet, &waves);
-    demean(quiet, grid.windows);
-    spectrum.take(grid, quiet)
+/// What is left of a record, and its spectrum.
+struct Remaining<'a> {
+    grid: &'a Grid<'a>,
+    spectrum: &'a mut Spectrum,
+    residual: &'a mut [Vec<f64>; 3],
+    /// Memory for what is left without a signal that is measured.
+    quiet: &'a mut [Vec<f64>; 3],
 }
 
-/// The strongest line of the spectra of all components together, as a tone or as a switched signal, which is taken off the
-/// residuals. The memory of `quiet` is used again from signal to signal.
-fn strongest(
+impl Remaining<'_> {
+    /// Weights and levels of the noise beside a line: a signal is no noise, and it is measured with what is left without it and those of its harmonics that
+    /// stand out, of which the spectrum is then. These are given as well.
+    fn noise_beside(&mut self, line_hz: f64, noise: &Noise) -> Option<(Noise, Vec<Wave>)> {
+        let with_signal = Waves { grid: self.grid, noise, residual: self.residual };
+        let mut waves = with_signal.harmonics(line_hz, HARMONICS)?;
+        let line_hz = waves.first()?.hz;
+        waves.retain(|wave| wave.hz == line_hz || log_chi2_tail(wave.chi, TONE_PARAMETERS) < SIGNIFICANT.ln());
+        self.quiet.par_iter_mut().zip(&*self.residual).for_each(|(quiet, values)| quiet.clone_from(values));
+        with_signal.take_off(self.quiet, &waves);
+        demean(self.quiet, self.grid.windows);
+        Some((self.spectrum.take(self.grid, self.quiet)?, waves))
+    }
+}
+
+/// What made a line, as a tone or as a switched signal, which is taken off what is left.
+fn taken_off(
     record: &Record,
     signals: &Signals,
-    grid: &Grid,
     taken: &Taken,
-    spectrum: &mut Spectrum,
-    residual: &mut [Vec<f64>; 3],
-    quiet: &mut [Vec<f64>; 3],
+    left: &mut Remaining,
+    shown: &Shown,
+    noise: &Noise,
 ) -> Option<Found> {
-    let (shown, noise) = shown(signals, grid, spectrum, residual)?;
-    let waves = Waves { grid, noise: &noise, residual };
+    let grid = left.grid;
+    let waves = Waves { grid, noise, residual: left.residual };
     let line_hz = waves.unrepeated(waves.refine(shown.line_hz));
-    let noise = noise_beside(line_hz, &noise, grid, spectrum, residual, quiet)?;
+    let (noise, harmonics) = left.noise_beside(line_hz, noise)?;
+    let residual = &mut *left.residual;
     let waves = &Waves { grid, noise: &noise, residual };
     let line_hz = waves.refine(line_hz);
     let sines = waves.harmonics(line_hz, 1)?;
@@ -413,25 +465,30 @@ fn strongest(
     let (tone_effect, line) = signals.line?;
     let tone = as_tone(tone_effect, line, wave, line_hz, shown.p_value, grid);
     let tone_evidence = Waves::tone_evidence(wave);
-    let mut signal = match switched(signals, waves, line_hz, shown.comb.as_ref()) {
+    let seen = Seen { waves: &harmonics, spectrum: left.spectrum };
+    let mut signal = match switched(signals, waves, &seen, line_hz, shown.comb.as_ref(), tone_evidence - APART) {
         // Of a signal with one harmonic in sight nothing shows that it is switched.
         Some((effect, form, found)) if found.evidence > tone_evidence && !found.single => {
             let near = found.evidence - tone_evidence < APART;
-            let signal = as_switched(effect, &form, &found, waves, &shown, record, |shape| {
-                taken.sizes_ent(record, waves, effect, &form, shape)
+            let signal = as_switched(effect, &form, &found, waves, shown, record, |[period_s, duty, delay_s]| {
+                taken.sizes_ent(record, waves, effect, (form.term)(&[0, 1, 2], period_s, duty, delay_s))
             })?;
             Inside { ambiguous_with: if near { vec![tone_effect] } else { Vec::new() }, ..signal }
         }
         Some((other, _, found)) if tone_evidence - found.evidence < APART => Inside { ambiguous_with: vec![other], ..tone },
         _ => tone,
     };
-    let measured = |residual: &[Vec<f64>; 3]| (noise.squares(grid, residual), rms(residual, grid.windows));
+    let measured = |residual: &[Vec<f64>; 3]| {
+        let squares = squares_of_all(residual, grid.windows);
+        (noise.weighted(grid, &squares), rms(&squares, grid.windows))
+    };
     let before = measured(residual);
     remove(residual, record, grid.samples, grid.windows, &signal);
     let after = measured(residual);
     signal.squares = [before.0, after.0, 3.0 * grid.used as f64];
     signal.rms_ent = [before.1, after.1];
-    Some(Found { signal, line_hz })
+    let is_all = harmonics.len() == 1;
+    Some(Found { signal, line_hz, beside: NoiseBeside { noise, is_all } })
 }
 
 /// Axes on which values stand out of their uncertainties; all where none does.
@@ -444,8 +501,8 @@ fn axes_of(values: &[(f64, f64); 3]) -> Vec<usize> {
 /// A line as a tone. The phase is known best in the middle of the record; at the run's start the frequency has its part in it.
 fn as_tone(effect: EffectRef, line: Line, wave: &Wave, line_hz: f64, p_value: f64, grid: &Grid) -> Inside {
     let axes = axes_of(&[0, 1, 2].map(|a: usize| (wave.sin[a].hypot(wave.cos[a]), wave.std[a] * OF_MODULUS)));
-    let chi = Waves::chi(wave);
-    let frequency_std = grid.rate_hz / grid.length as f64 * OF_FREQUENCY / (chi / 2.0).sqrt();
+    let chi = wave.chi;
+    let frequency_std = frequency_std_hz(grid, chi);
     let phase_std = TAU * frequency_std * mean(&grid.samples.t_s);
     let values = axes.iter().flat_map(|a| {
         let (sin, cos, std) = (wave.sin[*a], wave.cos[*a], wave.std[*a]);
@@ -461,12 +518,14 @@ fn as_tone(effect: EffectRef, line: Line, wave: &Wave, line_hz: f64, p_value: f6
     }
 }
 
-/// The best switched signal of which a line may be a harmonic.
+/// The best switched signal of which a line may be a harmonic, of those that may have more evidence than the least that matters.
 fn switched(
     signals: &Signals,
     waves: &Waves,
+    seen: &Seen,
     line_hz: f64,
     comb: Option<&spectrum::Comb>,
+    least_evidence: f64,
 ) -> Option<(EffectRef, Comb, Switched)> {
     // A fundamental may be too slow to be looked for by itself.
     let slow_hz = waves.grid.slowest_hz()..waves.grid.lowest_hz();
@@ -478,8 +537,9 @@ fn switched(
     let of_comb = |c: &spectrum::Comb| parts(c.base * waves.grid.step_hz(), c.strongest, 1);
     let all: Vec<(f64, f64)> = parts(line_hz, 1, MOST_ORDER).chain(comb.into_iter().flat_map(of_comb)).collect();
     let of_part = |(order, base_hz): &(f64, f64)| -> Vec<(EffectRef, Comb, Switched)> {
+        let may_be = |(_, form): &&(EffectRef, Comb)| waves.most_evidence(seen, form, *base_hz, *order) > least_evidence;
         let of = |(effect, form): &(EffectRef, Comb)| Some((*effect, *form, waves.switched(form, *base_hz, *order)?));
-        signals.combs.iter().filter_map(of).collect()
+        signals.combs.iter().filter(may_be).filter_map(of).collect()
     };
     // In the order of the parts, whatever the threads.
     let fitted: Vec<Vec<(EffectRef, Comb, Switched)>> = all.par_iter().map(of_part).collect();
@@ -510,8 +570,7 @@ fn as_switched(
     let shape = sharpened(waves, record, effect, form, [base_hz.recip(), duty, delay / base_hz]);
     let sizes_ent = sizes_ent(shape)?;
     let [period_s, duty, delay_s] = shape;
-    let record_s = grid.length as f64 / grid.rate_hz;
-    let period_std_s = period_s * period_s * OF_FREQUENCY / record_s / (gain / 2.0).sqrt();
+    let period_std_s = period_s * period_s * frequency_std_hz(grid, gain);
     Some(Inside {
         values: axes.iter().map(|a| (sizes_ent[*a], values[*a].1)).collect(),
         shape_std: vec![(form.period.to_owned(), period_std_s)],

@@ -7,7 +7,7 @@ use crate::fit::statistics::{median, two_sided_tail};
 use crate::model::effects::in_samples::{self, InSamples};
 use crate::model::effects::{Catalogue, EffectRef};
 use crate::record::prepared::{PreparedRun, Samples};
-use nalgebra::{DMatrix, DVector, Matrix2};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use rayon::prelude::*;
 
 /// Fewest bins of a plateau, and fewest plateaus.
@@ -19,6 +19,8 @@ const ROUNDS: usize = 3;
 const SINGLE_AXIS: f64 = 6.0;
 /// Parts by which a time constant is refined.
 const FINER: [f64; 5] = [0.25, 0.12, 0.06, 0.03, 0.015];
+/// Steps by the slopes of amplitude and time constant after that: of a clear transient the time constant is known far better than its last part.
+const BY_SLOPES: usize = 4;
 /// Step of the derivative by the logarithm of a time constant.
 const TAU_STEP: f64 = 0.01;
 /// Time constants over which an amplitude that is not much larger than its noise is averaged: so many to either side, their logarithms this far
@@ -248,10 +250,21 @@ impl<'a> Stack<'a> {
 
     /// A transient with the best time constant near its own.
     fn refined(&self, transient: Transient) -> Option<Transient> {
-        FINER.into_iter().try_fold(transient, |best, step| {
+        let mut best = FINER.into_iter().try_fold(transient, |best, step| {
             let tau_s = best.tau_s;
             self.best(Some(best), &[1.0 - step, 1.0 + step].map(|factor| tau_s * factor))
-        })
+        })?;
+        let most = FINER[FINER.len() - 1];
+        for _ in 0..BY_SLOPES {
+            let Some((information, slope)) = self.information(&best) else { break };
+            let Some(step) = information.try_inverse().map(|covariance| (covariance * slope)[1]) else { break };
+            let Some(next) = self.of_axes(best.tau_s * step.clamp(-most, most).exp(), &best.axes) else { break };
+            if next.chi_square <= best.chi_square {
+                break;
+            }
+            best = next;
+        }
+        Some(best)
     }
 
     /// The clearest transient of the time constants, if noise makes one as clear seldom.
@@ -288,19 +301,27 @@ impl<'a> Stack<'a> {
 
     /// Standard uncertainties of amplitude and time constant, which go together: from the information on both.
     fn std(&self, transient: &Transient) -> Option<[f64; 2]> {
+        let (information, _) = self.information(transient)?;
+        information.try_inverse().map(|c| [c[(0, 0)].sqrt(), transient.tau_s * c[(1, 1)].sqrt()])
+    }
+
+    /// Information on amplitude and the logarithm of the time constant, and the slopes of half of chi square by them.
+    fn information(&self, transient: &Transient) -> Option<(Matrix2<f64>, Vector2<f64>)> {
         let Transient { tau_s, axes, amplitude, .. } = transient;
         let [now, later, sooner] = [1.0, 1.0 + TAU_STEP, 1.0 - TAU_STEP].map(|factor| self.template(tau_s * factor));
-        let mut information = Matrix2::zeros();
+        let (mut information, mut slopes) = (Matrix2::zeros(), Vector2::zeros());
         for &a in axes {
             let [data, now, later, sooner] = [&self.data[a], &now[a], &later[a], &sooner[a]].map(|bins| self.weighted(a, bins));
             let Some(scatter) = self.scatter(&data, &now, *amplitude) else { continue };
-            for ((now, later), sooner) in now.iter().zip(&later).zip(&sooner) {
+            for (((data, now), later), sooner) in data.iter().zip(&now).zip(&later).zip(&sooner) {
                 let slope = (later - sooner) * (amplitude / (2.0 * TAU_STEP));
                 let both = DMatrix::from_columns(&[now.clone(), slope]);
-                information += (both.transpose() * &scatter.inverse * &both).fixed_view::<2, 2>(0, 0);
+                let weighted = both.transpose() * &scatter.inverse;
+                information += (&weighted * &both).fixed_view::<2, 2>(0, 0);
+                slopes += (&weighted * (data - now * *amplitude)).fixed_rows::<2>(0);
             }
         }
-        information.try_inverse().map(|c| [c[(0, 0)].sqrt(), tau_s * c[(1, 1)].sqrt()])
+        (information != Matrix2::zeros()).then_some((information, slopes))
     }
 
     /// Standard uncertainty of the amplitude from the likelihoods of time constants far to either side: the amplitude goes with a time constant as an

@@ -45,6 +45,8 @@ pub struct Line {
     pub frequency: &'static str,
     /// The term on some axes with a frequency, Hz.
     pub term: fn(axes: &[usize], frequency_hz: f64) -> Spec,
+    /// Means of sine and cosine of a frequency, Hz, over a time, s.
+    pub wave: fn(frequency_hz: f64, used_s: [f64; 2]) -> (f64, f64),
 }
 
 /// Sine and cosine part of a harmonic of a wave, by its order, duty and delay.

@@ -47,7 +47,7 @@ impl Effect for InterferenceTone {
     }
 
     fn in_samples(&self) -> Option<InSamples> {
-        Some(InSamples::Line(Line { frequency: FREQUENCY, term: sine }))
+        Some(InSamples::Line(Line { frequency: FREQUENCY, term: sine, wave }))
     }
 
     fn period_s(&self, spec: &Spec) -> Option<f64> {

@@ -360,7 +360,7 @@ pub trait Effect: Sync {
         None
     }
 
-    /// The period of a term, s; `None` if it has none.
+    /// The period of a term, s, that has the same course on each of its axes, one after the other; `None` if it has none.
     fn period_s(&self, spec: &Spec) -> Option<f64> {
         let _ = spec;
         None

@@ -2,8 +2,8 @@
 //! equally long and the means repeat what is slow at the rate of the plateaus.
 
 use super::HARMONICS;
-use super::spectrum::Stretch;
-use super::waves::{Band, Sums, Switched, Waves, evidence, phase, sum_of_wave};
+use super::spectrum::{REPEATED, Spectrum, Stretch};
+use super::waves::{Band, Sums, Switched, Wave, Waves, evidence, phase, sum_of_wave};
 use crate::model::effects::in_samples::Comb;
 use nalgebra::{DMatrix, DVector};
 use realfft::num_complex::Complex;
@@ -13,6 +13,10 @@ const BASE_STEP: f64 = 0.06;
 const BASE_STEPS: i32 = 4;
 /// Rounds of closer steps of period, duty and delay.
 const POLISHED: usize = 8;
+/// Duties that are tried, 0.05 apart.
+const DUTIES: usize = 19;
+/// What a wave may have more than the nearest line of the spectrum, twice as close as the record resolves, and the part that windows take of it.
+const MORE_THAN_LINE: f64 = 1.25;
 
 /// Harmonics of a period as they are seen in the samples.
 pub struct Harmonics {
@@ -140,7 +144,8 @@ impl Harmonics {
                 }
             }
             let noise = |i: usize| {
-                let line = (waves.grid.seen_hz(self.orders[i] as f64 * base_hz) / waves.grid.step_hz()).round() as usize;
+                // That of the bands, whatever the period: see [`Waves::refine`].
+                let line = waves.grid.line(self.bands[i].hz);
                 // Means taken off the plateaus lower the level of slow noise as much as the waves.
                 let size = 0.5 * (normal[(2 * i, 2 * i)] + normal[(2 * i + 1, 2 * i + 1)]);
                 (2.0 * size / waves.noise.level(a, line)).sqrt()
@@ -150,6 +155,11 @@ impl Harmonics {
         });
         Joint { orders: self.orders.clone(), axes: std::array::from_fn(|_| axes.next().expect("three axes")) }
     }
+}
+
+/// Duties that are tried.
+fn duties() -> impl Iterator<Item = f64> {
+    (1..=DUTIES).map(|d| 0.05 * d as f64)
 }
 
 /// Pairs of harmonics, the earlier one first.
@@ -186,7 +196,45 @@ impl Joint {
     }
 }
 
+/// What is seen of a line: the waves of it and of its harmonics, and the spectrum without them.
+pub struct Seen<'a> {
+    pub waves: &'a [Wave],
+    pub spectrum: &'a Spectrum,
+}
+
 impl Waves<'_> {
+    /// No less than the evidence of any switched signal of a period whose harmonic of this order was seen: as if all harmonics that are seen had the phases of
+    /// its own. Where a plateau has only a few periods they are not at right angles, and nothing is known of it.
+    pub fn most_evidence(&self, seen: &Seen, form: &Comb, base_hz: f64, order: f64) -> f64 {
+        if base_hz * self.grid.longest_s() < REPEATED {
+            return f64::INFINITY;
+        }
+        let strength = |order: usize| -> [f64; 3] {
+            let hz = order as f64 * base_hz;
+            let own = seen.waves.iter().find(|wave| (wave.hz - hz).abs() < self.grid.apart_hz());
+            let of_line = || seen.spectrum.strength(self.grid.line(hz), self.noise).map(|s| MORE_THAN_LINE * s);
+            // The noise is that beside the waves, which they were not measured in; the means of the plateaus take none of them here.
+            let std = |a: usize| (2.0 * self.noise.level(a, self.grid.line(hz))).sqrt() / self.grid.used as f64;
+            own.map_or_else(of_line, |wave| std::array::from_fn(|a| wave.sin[a].hypot(wave.cos[a]) / std(a)))
+        };
+        let all: Vec<(usize, [f64; 3])> =
+            self.orders(base_hz, HARMONICS).into_iter().map(|order| (order, strength(order))).collect();
+        let chi = |duty: f64| -> f64 {
+            let of_axis = |a: usize| {
+                let (mut along, mut square) = (0.0, f64::MIN_POSITIVE);
+                for (order, strength) in &all {
+                    let (sin, cos) = (form.harmonic)(*order, duty, 0.0);
+                    let size = sin.hypot(cos) / self.noise.level(a, self.grid.line(*order as f64 * base_hz)).sqrt();
+                    along += size * strength[a];
+                    square += size * size;
+                }
+                along * along / square
+            };
+            (0..3).map(of_axis).sum()
+        };
+        evidence(duties().map(chi).fold(0.0, f64::max), 3.0) - order.ln()
+    }
+
     /// The switched signal of a period whose harmonic of this order was seen.
     pub fn switched(&self, form: &Comb, base_hz: f64, order: f64) -> Option<Switched> {
         let harmonics = Harmonics::new(self, base_hz)?;
@@ -195,8 +243,7 @@ impl Waves<'_> {
         let near = (-BASE_STEPS..=BASE_STEPS).map(|k| base_hz + f64::from(k) * step_hz);
         let all = near.map(|base_hz| (base_hz, harmonics.at(self, base_hz)));
         let (base_hz, joint) = all.max_by(|a, b| a.1.explained().total_cmp(&b.1.explained()))?;
-        let duties = (1..20).map(|d| 0.05 * d as f64);
-        let all: Vec<(f64, f64, f64)> = duties
+        let all: Vec<(f64, f64, f64)> = duties()
             .flat_map(|duty| (0..64).map(move |d| (duty, d as f64 / 64.0)))
             .map(|(duty, delay)| (joint.matched(form, duty, delay).0, duty, delay))
             .collect();

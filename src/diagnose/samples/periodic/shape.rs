@@ -8,11 +8,16 @@ use crate::record::prepared::Samples;
 use rayon::prelude::*;
 
 /// Phases at which the signal is known, over one period.
-const PHASES: usize = 1 << 12;
-/// First steps of an edge, as parts of the period, and of the period, in turns over the record; halvings of them all.
+const PHASES: usize = 1 << 15;
+/// First steps of an edge, as parts of the period, and of the period, in turns over the record; both are halved where they bring no more, as often as this,
+/// down to the distance of the phases.
 const EDGE: f64 = 0.02;
 const TURNS: f64 = 0.1;
-const HALVED: usize = 7;
+const HALVED: usize = 10;
+/// Passes over all steps at most.
+const MOST_PASSES: usize = 30;
+/// What changes chi square by less than this is the same.
+const SAME: f64 = 0.1;
 /// Shortest part of a period that is on or off.
 const LEAST_PART: f64 = 0.02;
 
@@ -50,6 +55,7 @@ pub fn sharpened(waves: &Waves, record: &Record, effect: EffectRef, form: &Comb,
     let (begin_s, end_s) = (t_s[0], t_s[t_s.len() - 1]);
     let middle_s = 0.5 * (begin_s + end_s);
     let mut best = Shape::from(shape, middle_s);
+    let levels = [0, 1, 2].map(|a| waves.noise.usual_level(a));
     let (mut table, mut duty) = (over_a_period(record, effect, form, best.duty), best.duty);
     let mut gain_of = |shape: Shape| {
         if !(LEAST_PART..=1.0 - LEAST_PART).contains(&shape.duty) {
@@ -58,20 +64,28 @@ pub fn sharpened(waves: &Waves, record: &Record, effect: EffectRef, form: &Comb,
         if shape.duty != duty {
             (table, duty) = (over_a_period(record, effect, form, shape.duty), shape.duty);
         }
-        gain(waves, &table, shape.period_s, middle_s + shape.begin * shape.period_s)
+        gain(waves, levels, &table, shape.period_s, middle_s + shape.begin * shape.period_s)
     };
     let mut most = gain_of(best);
     // A period that is longer by this part has one turn less over the record.
     let turn = best.period_s / (end_s - begin_s).max(best.period_s);
     let (mut step, mut turns) = (EDGE, TURNS * turn);
-    for _ in 0..HALVED {
+    let mut halved = 0;
+    for _ in 0..MOST_PASSES {
+        let (before, mut least) = (most, most);
         for shape in best.beside(step, turns).collect::<Vec<Shape>>() {
             let gain = gain_of(shape);
+            least = least.min(gain);
             if gain > most {
                 (best, most) = (shape, gain);
             }
         }
-        (step, turns) = (0.5 * step, 0.5 * turns);
+        if most - least < SAME || (most - before < SAME && halved == HALVED) {
+            break;
+        }
+        if most - before < SAME {
+            (step, turns, halved) = (0.5 * step, 0.5 * turns, halved + 1);
+        }
     }
     [best.period_s, best.duty, best.delay_s(middle_s)]
 }
@@ -87,8 +101,8 @@ fn over_a_period(record: &Record, effect: EffectRef, form: &Comb, duty: f64) -> 
     signal
 }
 
-/// What a signal that begins at a time explains of the residuals: squares over the noise, the means of the plateaus taken off it as well.
-fn gain(waves: &Waves, table: &[f64], period_s: f64, begin_s: f64) -> f64 {
+/// What a signal that begins at a time explains of the residuals: squares over the noise of these levels, the means of the plateaus taken off it as well.
+fn gain(waves: &Waves, levels: [f64; 3], table: &[f64], period_s: f64, begin_s: f64) -> f64 {
     let (t_s, per_s) = (&waves.grid.samples.t_s, period_s.recip());
     let of_plateau = |(k, [from, to]): (usize, &[usize; 2])| {
         let (mut sum, mut square, mut along) = (0.0, 0.0, [0.0; 3]);
@@ -109,5 +123,6 @@ fn gain(waves: &Waves, table: &[f64], period_s: f64, begin_s: f64) -> f64 {
     // In the order of the plateaus, whatever the threads.
     let all: Vec<[[f64; 2]; 3]> = waves.grid.windows.par_iter().enumerate().map(of_plateau).collect();
     let sums = all.into_iter().fold([[0.0; 2]; 3], add);
-    (0..3).map(|a| sums[a][0].powi(2) / sums[a][1].max(f64::MIN_POSITIVE) / waves.noise.usual_level(a)).sum()
+    let variance = levels.map(|level| (level / waves.grid.used as f64).max(f64::MIN_POSITIVE));
+    (0..3).map(|a| sums[a][0].powi(2) / sums[a][1].max(f64::MIN_POSITIVE) / variance[a]).sum()
 }

@@ -14,7 +14,7 @@ use std::sync::Arc;
 /// Longest period, in plateaus: their means are taken off, and of a slower signal little is left.
 const SLOWEST: f64 = 2.5;
 /// The spectrum of a single plateau falls off within a few times the reciprocal of its length: so far a line is repeated.
-const REPEATED: f64 = 8.0;
+pub const REPEATED: f64 = 8.0;
 /// Fewest samples inside the plateaus.
 const FEWEST: usize = 200;
 /// Smallest variance of a plateau's samples that is believed, over the median of all.
@@ -35,6 +35,8 @@ const FAR: f64 = 5.0;
 const ADDED: [usize; 4] = [2, 3, 5, 8];
 /// A stretch of a plateau is at most the record over this.
 const STRETCHES: f64 = 500.0;
+/// Frequencies are told apart that lie so many times the reciprocal length of the record apart.
+const APART_LINES: f64 = 2.0;
 /// Where two samples are further apart than this, in usual intervals, others are missing.
 const GAP: f64 = 1.5;
 
@@ -80,8 +82,6 @@ pub struct Noise {
 pub struct Spectrum {
     fft: Arc<dyn RealToComplex<f64>>,
     axes: [Axis; 3],
-    /// Powers of the lines over the noise, of the three axes, and their sum.
-    powers: Vec<[f64; 4]>,
     /// Cycles per line from the begin of the record to its middle, which phases refer to.
     middle_lines: f64,
     /// First line that is looked at.
@@ -143,13 +143,23 @@ impl<'a> Grid<'a> {
         self.rate_hz / self.size as f64
     }
 
+    /// Frequencies are told apart that lie further apart than this, Hz.
+    pub fn apart_hz(&self) -> f64 {
+        APART_LINES * self.rate_hz / self.length as f64
+    }
+
+    /// The line of the spectra nearest to a frequency.
+    pub fn line(&self, hz: f64) -> usize {
+        (self.seen_hz(hz) / self.step_hz()).round() as usize
+    }
+
     /// Where a frequency is seen, Hz: the samples fold what is above half their rate.
     pub fn seen_hz(&self, hz: f64) -> f64 {
         (hz - self.rate_hz * (hz / self.rate_hz).round()).abs()
     }
 
     /// Length of the longest plateau, s.
-    fn longest_s(&self) -> f64 {
+    pub fn longest_s(&self) -> f64 {
         longest_s(self.samples, self.windows, self.rate_hz)
     }
 
@@ -199,6 +209,12 @@ fn stretches(t_s: &[f64], windows: &[[usize; 2]], longest: usize, gap_s: f64) ->
     all
 }
 
+/// Level at a line of a stride between the levels around it.
+fn between([low, high]: [f64; 2], line: usize) -> f64 {
+    let part = line as f64 / STRIDE as f64;
+    low * (1.0 - part) + high * part
+}
+
 /// Axes of which a power is the sum: three for the last one.
 fn parts_of(power: usize) -> usize {
     if power == 3 { 3 } else { 1 }
@@ -207,11 +223,14 @@ fn parts_of(power: usize) -> usize {
 impl Noise {
     /// Level at a line, between those that are known.
     pub fn level(&self, axis: usize, line: usize) -> f64 {
+        between(self.around(axis, line / STRIDE), line % STRIDE)
+    }
+
+    /// The known levels around the lines of a stride.
+    fn around(&self, axis: usize, stride: usize) -> [f64; 2] {
         let levels = &self.levels[axis];
-        let k = (line / STRIDE).min(levels.len() - 1);
-        let next = levels[(k + 1).min(levels.len() - 1)];
-        let part = (line % STRIDE) as f64 / STRIDE as f64;
-        levels[k] * (1.0 - part) + next * part
+        let last = levels.len() - 1;
+        [levels[stride.min(last)], levels[(stride + 1).min(last)]]
     }
 
     /// Median level of an axis.
@@ -219,12 +238,11 @@ impl Noise {
         median(&mut self.levels[axis].clone())
     }
 
-    /// Weighted squares of residuals over the variance of a sample, which is the median level of the spectrum.
-    pub fn squares(&self, grid: &Grid, residual: &[Vec<f64>; 3]) -> f64 {
+    /// Squares of residuals by the components and plateaus, weighted, over the variance of a sample, which is the median level of the spectrum.
+    pub fn weighted(&self, grid: &Grid, squares: &[Vec<f64>; 3]) -> f64 {
         let of_axis = |a: usize| {
             let variance = self.usual_level(a) / grid.used as f64;
-            let own = squares(&residual[a], grid.windows);
-            own.iter().zip(&self.weights[a]).map(|(square, weight)| weight * square).sum::<f64>() / variance
+            squares[a].iter().zip(&self.weights[a]).map(|(square, weight)| weight * square).sum::<f64>() / variance
         };
         (0..3).map(of_axis).sum()
     }
@@ -238,7 +256,7 @@ impl Spectrum {
         let axes = [axis(), axis(), axis()];
         let first = (grid.lowest_hz() / grid.step_hz()).ceil() as usize;
         let middle_lines = grid.length as f64 / grid.size as f64 / 2.0;
-        Self { fft, axes, powers: Vec::new(), middle_lines, first: first.max(2) }
+        Self { fft, axes, middle_lines, first: first.max(2) }
     }
 
     /// Makes them those of readings, and determines the noise of these.
@@ -266,30 +284,54 @@ impl Spectrum {
         self.axes[0].lines.len() - 1
     }
 
+    /// Signal to noise ratio of a line on each axis.
+    pub fn strength(&self, line: usize, noise: &Noise) -> [f64; 3] {
+        [0, 1, 2].map(|a: usize| (2.0 * self.axes[a].lines[line.min(self.end())].norm_sqr() / noise.level(a, line)).sqrt())
+    }
+
     /// The lines over the noise.
-    pub fn lines<'a>(&'a mut self, noise: &'a Noise) -> Lines<'a> {
-        let axes = &self.axes;
-        let power = |line: usize| {
-            let [x, y, z] = [0, 1, 2].map(|a: usize| axes[a].lines[line].norm_sqr() / noise.level(a, line));
-            [x, y, z, x + y + z]
-        };
-        (0..axes[0].lines.len()).into_par_iter().map(power).collect_into_vec(&mut self.powers);
+    pub fn lines<'a>(&'a self, noise: &'a Noise) -> Lines<'a> {
         let far = ADDED.map(|harmonics| [0, 1, 2, 3].map(|k| (parts_of(k) * harmonics) as f64).map(|n| n + FAR * n.sqrt()));
         Lines { spectrum: self, noise, far }
     }
 }
 
 impl Lines<'_> {
+    /// Powers of a line over the noise, of the three axes, and their sum.
+    fn power(&self, line: usize) -> [f64; 4] {
+        self.powers(line / STRIDE, [line, line + 1]).next().map_or([0.0; 4], |(_, power)| power)
+    }
+
+    /// The same of the lines of a stride that lie in a range, with their numbers.
+    fn powers(&self, stride: usize, [from, to]: [usize; 2]) -> impl Iterator<Item = (usize, [f64; 4])> {
+        let begin = stride * STRIDE;
+        let lines = self.spectrum.axes.each_ref().map(|axis| axis.lines.as_slice());
+        let around = [0, 1, 2].map(|a: usize| self.noise.around(a, stride));
+        (from.max(begin)..to.min(begin + STRIDE)).map(move |line| {
+            let [x, y, z] = [0, 1, 2].map(|a: usize| lines[a][line].norm_sqr() / between(around[a], line - begin));
+            (line, [x, y, z, x + y + z])
+        })
+    }
+
     /// Logarithm of the probability that noise makes a line, on an axis or on all together.
     fn log_p(&self, line: usize) -> f64 {
-        let [x, y, z, all] = self.spectrum.powers[line];
+        let [x, y, z, all] = self.power(line);
         log_gamma_tail(parts_of(3), all).min(-x.max(y).max(z))
     }
 
     /// The line that noise makes most seldom, and the logarithm of that probability.
     pub fn tone(&self) -> Option<(usize, f64)> {
-        let all = (self.spectrum.first..self.spectrum.end()).into_par_iter().map(|line| (line, self.log_p(line)));
-        all.min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
+        // It is the one with the largest power on an axis, or with the largest sum.
+        let larger = |a: (f64, usize), b: (f64, usize)| if b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)).is_gt() { b } else { a };
+        let range = [self.spectrum.first, self.spectrum.end()];
+        let of_stride = |stride: usize| {
+            let of_line = |(line, [x, y, z, all]): (usize, [f64; 4])| [(x.max(y).max(z), line), (all, line)];
+            self.powers(stride, range).map(of_line).reduce(|a, b| [larger(a[0], b[0]), larger(a[1], b[1])])
+        };
+        let strides = (range[0] / STRIDE..range[1].div_ceil(STRIDE)).into_par_iter();
+        let most = strides.filter_map(of_stride).reduce_with(|a, b| [larger(a[0], b[0]), larger(a[1], b[1])])?;
+        let lines = most.map(|(_, line)| (line, self.log_p(line)));
+        lines.into_iter().min_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)))
     }
 
     /// The line with the largest power among those around one that noise makes as seldom as `log_p`. The plateaus repeat a line at distances of
@@ -306,11 +348,33 @@ impl Lines<'_> {
 
     /// The comb that noise makes most seldom. Powers of harmonics are added up first; the best places are looked at with phases.
     pub fn comb(&self, shapes: &[Harmonic]) -> Option<Comb> {
-        let all: Vec<(f64, usize)> = (PARTS * self.spectrum.first..PARTS * self.spectrum.end() / 2)
-            .into_par_iter()
-            .map(|place| (self.added(place), place))
-            .filter(|(log_p, _)| *log_p < 0.0)
-            .collect();
+        // Every line is asked for many times, and memory is what takes the time.
+        let end = self.spectrum.end();
+        let mut powers = vec![[0.0_f32; 4]; end];
+        powers.par_chunks_mut(STRIDE).enumerate().for_each(|(stride, own)| {
+            own.iter_mut()
+                .zip(self.powers(stride, [0, end]))
+                .for_each(|(own, (_, power))| *own = power.map(|power| power as f32));
+        });
+        let places = (PARTS * self.spectrum.first..PARTS * self.spectrum.end() / 2).into_par_iter();
+        self.most_seldom(places.filter_map(|place| self.added(place, |line| powers[line].map(f64::from))).collect(), shapes)
+    }
+
+    /// The same of the combs that have a line.
+    pub fn comb_of(&self, line: usize, shapes: &[Harmonic]) -> Option<Comb> {
+        let around = |harmonic: usize| {
+            let middle = PARTS * line / harmonic;
+            middle.saturating_sub(PARTS / 2)..=middle + PARTS / 2
+        };
+        let mut places: Vec<usize> = (1..=HARMONICS).flat_map(around).collect();
+        places.retain(|place| (PARTS * self.spectrum.first..PARTS * self.spectrum.end() / 2).contains(place));
+        places.sort_unstable();
+        places.dedup();
+        self.most_seldom(places.into_iter().filter_map(|place| self.added(place, |line| self.power(line))).collect(), shapes)
+    }
+
+    /// Of combs by the logarithms of their probabilities without phases and their places, in the order of these, that which noise makes most seldom.
+    fn most_seldom(&self, all: Vec<(f64, usize)>, shapes: &[Harmonic]) -> Option<Comb> {
         // The best of those that lie together.
         let mut places: Vec<(f64, usize)> = Vec::new();
         for (log_p, place) in all {
@@ -328,25 +392,26 @@ impl Lines<'_> {
         combs.min_by(|a, b| a.log_p.total_cmp(&b.log_p))
     }
 
-    /// Logarithm of the probability that noise makes as much at the harmonics of a place together; 0 where it is no more than noise makes.
-    fn added(&self, place: usize) -> f64 {
+    /// Logarithm of the probability that noise makes as much at the harmonics of a place together, and the place; `None` where it is no more than
+    /// noise makes.
+    fn added(&self, place: usize, power: impl Fn(usize) -> [f64; 4]) -> Option<(f64, usize)> {
         let mut sums = [0.0; 4];
         let mut best = 0.0_f64;
         let mut harmonic = 0;
-        for (upto, far) in ADDED.into_iter().zip(&self.far) {
+        'all: for (upto, far) in ADDED.into_iter().zip(&self.far) {
             while harmonic < upto {
                 harmonic += 1;
                 let line = (harmonic * place + PARTS / 2) / PARTS;
                 if line >= self.spectrum.end() {
-                    return best;
+                    break 'all;
                 }
-                sums.iter_mut().zip(self.spectrum.powers[line]).for_each(|(sum, power)| *sum += power);
+                sums.iter_mut().zip(power(line)).for_each(|(sum, power)| *sum += power);
             }
             for k in (0..4).filter(|k| sums[*k] > far[*k]) {
                 best = best.min(log_gamma_tail(parts_of(k) * upto, sums[k]));
             }
         }
-        best
+        (best < 0.0).then_some((best, place))
     }
 
     /// A comb with the best shape, duty and delay.

@@ -9,12 +9,15 @@ use std::f64::consts::{PI, TAU};
 
 /// Highest frequency at which sine and cosine are told apart, as a part of half the sample rate.
 const HIGHEST: f64 = 0.98;
-/// Frequencies are told apart that lie so many times the reciprocal length of the record apart.
-const APART_LINES: f64 = 2.0;
+/// Parabolas by which the largest chi square is found, each ten times as narrow as the one before.
+const PARABOLAS: usize = 3;
 /// Phases of a tone that are tried, over half a turn: the other half has the other sign.
 const PHASES: usize = 32;
 /// Sine and cosine of three axes.
-const TONE_PARAMETERS: f64 = 6.0;
+pub const TONE_PARAMETERS: f64 = 6.0;
+/// Standard uncertainty of the frequency of a sine in white noise, whose amplitude stands so many times its own uncertainty out of it, for a chi square of
+/// one, in units of one over the record: √3/π.
+const OF_FREQUENCY: f64 = 0.551;
 /// Squares of the expected signal to noise ratio, per parameter, of the evidence.
 const EXPECTED: f64 = 20.0;
 
@@ -42,12 +45,14 @@ pub struct Switched {
 
 /// Amplitudes of one frequency.
 pub struct Wave {
-    hz: f64,
+    pub hz: f64,
     pub sin: [f64; 3],
     pub cos: [f64; 3],
     pub std: [f64; 3],
     /// Weighted squares of the residuals that it explains.
     pub explained: [f64; 3],
+    /// Chi square that it explains on all axes.
+    pub chi: f64,
 }
 
 /// Sums over stretches that are short against the record, for a frequency: those for frequencies nearby follow from them, each stretch
@@ -86,9 +91,26 @@ pub fn sum_of_wave(first: f64, step: f64, count: usize) -> Complex<f64> {
     Complex::from_polar(size, TAU * first.fract() + (n - 1.0) * half)
 }
 
+impl Band {
+    /// The same of the residuals with a wave of its frequency, whose sine and cosine parts are given for each component.
+    pub fn with(mut self, grid: &Grid, sizes: [[f64; 2]; 3]) -> Self {
+        let i = Complex::<f64>::i();
+        for (sums, stretch) in self.stretches.iter_mut().zip(&grid.stretches) {
+            let count = (stretch.to - stretch.from) as f64;
+            // Products of the sine and the cosine with the wave of unit size.
+            let (of_sin, of_cos) = ((sums.square - count) * -0.5 * i, (sums.square + count) * 0.5);
+            for ((along, residual), [sin, cos]) in sums.along.iter_mut().zip(&mut sums.residual).zip(sizes) {
+                *along += of_sin * sin + of_cos * cos;
+                *residual += sums.wave.im * sin + sums.wave.re * cos;
+            }
+        }
+        self
+    }
+}
+
 impl Waves<'_> {
     /// The sums for waves of about this frequency.
-    fn band(&self, hz: f64) -> Band {
+    pub fn band(&self, hz: f64) -> Band {
         let [stretches] = self.sums([hz]);
         Band { hz, stretches }
     }
@@ -133,7 +155,7 @@ impl Waves<'_> {
 
     /// Sine and cosine parts of the residuals at a frequency near that of a band, by least squares with the means of the plateaus taken off
     /// the waves as well.
-    fn wave(&self, band: &Band, hz: f64) -> Option<Wave> {
+    pub fn wave(&self, band: &Band, hz: f64) -> Option<Wave> {
         let t_s = &self.grid.samples.t_s;
         // Of the wave `z` around its means: |z|², z² and the residuals times z, with the weights of the plateaus.
         let (mut sizes, mut squares, mut along) = ([0.0; 3], [Complex::<f64>::ZERO; 3], [Complex::<f64>::ZERO; 3]);
@@ -159,8 +181,9 @@ impl Waves<'_> {
                 along[a] += (all.along[a] - mean * all.residual[a]) * weight;
             }
         }
-        let line = (self.grid.seen_hz(hz) / self.grid.step_hz()).round() as usize;
-        let mut wave = Wave { hz, sin: [0.0; 3], cos: [0.0; 3], std: [0.0; 3], explained: [0.0; 3] };
+        // That of the band: levels from line to line are those of noise, which would move the largest chi square of a strong line.
+        let line = self.grid.line(band.hz);
+        let mut wave = Wave { hz, sin: [0.0; 3], cos: [0.0; 3], std: [0.0; 3], explained: [0.0; 3], chi: 0.0 };
         for a in 0..3 {
             // Squares and products of sine and cosine.
             let (ss, sc, cc) = (0.5 * (sizes[a] - squares[a].re), 0.5 * squares[a].im, 0.5 * (sizes[a] + squares[a].re));
@@ -173,6 +196,8 @@ impl Waves<'_> {
             wave.explained[a] = wave.sin[a] * along[a].im + wave.cos[a] * along[a].re;
             // Means taken off the plateaus lower the level of slow noise as much as the waves.
             wave.std[a] = (2.0 * self.noise.level(a, line)).sqrt() / (ss + cc);
+            // Not the squares of its parts: sine and cosine are no more at right angles than a part of the record lets them be, which moves the frequency.
+            wave.chi += wave.explained[a] * (ss + cc) / self.noise.level(a, line);
         }
         Some(wave)
     }
@@ -193,11 +218,6 @@ impl Waves<'_> {
         });
     }
 
-    /// Chi square of a wave.
-    pub fn chi(wave: &Wave) -> f64 {
-        (0..3).map(|a| (wave.sin[a].powi(2) + wave.cos[a].powi(2)) / wave.std[a].powi(2)).sum()
-    }
-
     /// Evidence of a tone: half of it for one phase on all axes, which is free as that of a switched signal is, half for a phase of each.
     pub fn tone_evidence(wave: &Wave) -> f64 {
         let common = (0..PHASES).map(|k| {
@@ -205,26 +225,30 @@ impl Waves<'_> {
             let chi = (0..3).map(|a| ((wave.sin[a] * cos + wave.cos[a] * sin) / wave.std[a]).powi(2)).sum();
             evidence(chi, 3.0) - (PHASES as f64).ln()
         });
-        let free = evidence(Self::chi(wave), TONE_PARAMETERS);
+        let free = evidence(wave.chi, TONE_PARAMETERS);
         log_sum(common.chain([free])) - std::f64::consts::LN_2
     }
 
-    /// Bands of a fundamental and its harmonics, where the samples fold those above half their rate to. A harmonic that they fold onto a lower
+    /// Orders of the harmonics of a wave that are seen, where the samples fold those above half their rate to. A harmonic that they fold onto a lower
     /// one, or to where no wave is seen, is none.
-    pub fn bands(&self, hz: f64, count: usize) -> Vec<Band> {
+    pub fn orders(&self, hz: f64, count: usize) -> Vec<usize> {
         let (highest_hz, lowest_hz) = (HIGHEST * 0.5 * self.grid.rate_hz, self.grid.lowest_hz());
-        let width_hz = APART_LINES * self.grid.rate_hz / self.grid.length as f64;
         let mut seen_hz: Vec<f64> = Vec::new();
         let mut orders = Vec::new();
         for order in 1..=count {
             let f = self.grid.seen_hz(order as f64 * hz);
-            let is_seen = f < highest_hz && (order == 1 || f >= lowest_hz) && seen_hz.iter().all(|g| (f - g).abs() > width_hz);
-            if is_seen {
+            let is_apart = seen_hz.iter().all(|g| (f - g).abs() > self.grid.apart_hz());
+            if f < highest_hz && (order == 1 || f >= lowest_hz) && is_apart {
                 seen_hz.push(f);
                 orders.push(order);
             }
         }
-        let hz: Vec<f64> = orders.into_iter().map(|order| order as f64 * hz).collect();
+        orders
+    }
+
+    /// Bands of a wave and its harmonics.
+    pub fn bands(&self, hz: f64, count: usize) -> Vec<Band> {
+        let hz: Vec<f64> = self.orders(hz, count).into_iter().map(|order| order as f64 * hz).collect();
         let (fours, rest) = hz.as_chunks::<4>();
         let together =
             fours.iter().flat_map(|four| four.iter().zip(self.sums(*four)).map(|(hz, stretches)| Band { hz: *hz, stretches }));
@@ -243,7 +267,7 @@ impl Waves<'_> {
         let Some(rate_hz) = self.grid.plateaus_hz() else { return hz };
         let [slowest_hz, lowest_hz] = [self.grid.slowest_hz(), self.grid.lowest_hz()];
         let explained = |hz: f64| {
-            let line = (self.grid.seen_hz(hz) / self.grid.step_hz()).round() as usize;
+            let line = self.grid.line(hz);
             // Slow noise explains as much there as it is above the rest; means taken off the plateaus make it no less.
             let level = |a: usize| self.noise.level(a, line).max(self.noise.usual_level(a));
             let of_axis = |(a, squares): (usize, f64)| squares / level(a);
@@ -259,8 +283,12 @@ impl Waves<'_> {
 
     /// The frequency near a line at which chi square is largest.
     pub fn refine(&self, hz: f64) -> f64 {
-        let band = self.band(hz);
-        let chi = |f: f64| self.wave(&band, f).map_or(f64::NEG_INFINITY, |w| Self::chi(&w));
+        self.refined(&self.band(hz), hz)
+    }
+
+    /// The same by the sums of a band.
+    pub fn refined(&self, band: &Band, hz: f64) -> f64 {
+        let chi = |f: f64| self.wave(band, f).map_or(f64::NEG_INFINITY, |wave| wave.chi);
         let mut best = (f64::NEG_INFINITY, hz);
         let mut width = self.grid.step_hz();
         for _ in 0..3 {
@@ -274,11 +302,24 @@ impl Waves<'_> {
             }
             width *= 0.4;
         }
-        // So near to the largest value chi square is a parabola.
-        let [low, high] = [-width, width].map(|by| chi(best.1 + by));
-        let bend = low + high - 2.0 * best.0;
-        if bend < 0.0 { best.1 + (0.5 * width * (low - high) / bend).clamp(-width, width) } else { best.1 }
+        // So near to the largest value chi square is a parabola, the more so the nearer it is.
+        for _ in 0..PARABOLAS {
+            let [low, high] = [-width, width].map(|by| chi(best.1 + by));
+            let bend = low + high - 2.0 * best.0;
+            if bend >= 0.0 {
+                break;
+            }
+            let hz = best.1 + (0.5 * width * (low - high) / bend).clamp(-width, width);
+            best = (chi(hz), hz);
+            width *= 0.1;
+        }
+        best.1
     }
+}
+
+/// Standard uncertainty of the frequency of a wave by its chi square, Hz: that of a sine in white noise.
+pub fn frequency_std_hz(grid: &Grid, chi: f64) -> f64 {
+    OF_FREQUENCY * grid.rate_hz / grid.length as f64 / chi.sqrt()
 }
 
 /// Logarithm of the evidence of so many free parts, from their chi square.
@@ -291,7 +332,8 @@ pub fn evidence(chi: f64, count: f64) -> f64 {
 mod tests {
     use super::super::super::demean;
     use super::super::spectrum::{Grid, Spectrum};
-    use super::Waves;
+    use super::{Waves, frequency_std_hz};
+    use crate::fit::random::Random;
     use crate::record::prepared::Samples;
     use std::f64::consts::TAU;
 
@@ -339,6 +381,40 @@ mod tests {
                 let most = windows.iter().flat_map(|[from, to]| &values[*from..*to]).fold(0.0, |m: f64, v| m.max(v.abs()));
                 assert!((most - 0.1).abs() < 5e-3, "{hz}: {most}");
             }
+        }
+    }
+
+    /// Tones of 100 times the noise on 40 records, of frequencies at which the nearest line of the spectrum changes, and with it the level of the noise: the
+    /// frequency, and the phase in the middle of the record, are off by what their uncertainties say.
+    #[test]
+    fn a_strong_tone_is_off_by_its_uncertainty() {
+        let (samples, windows, _) = residual(|_| 0.0);
+        let grid = Grid::new(&samples, &windows, RATE_HZ).expect("a grid");
+        let middle_s = 0.5 * (samples.t_s[0] + samples.t_s[samples.t_s.len() - 1]);
+        let (mut of_frequency, mut of_phase) = (0.0, 0.0);
+        for seed in 0..40 {
+            let mut random = Random::seeded(seed);
+            let mut noise_of = || samples.t_s.iter().map(|_| random.gaussian()).collect::<Vec<f64>>();
+            let mut quiet = [noise_of(), noise_of(), noise_of()];
+            let hz = (6000.0 + 100.0 * seed as f64 + 0.5) * grid.step_hz();
+            let mut loud = quiet.clone();
+            for values in &mut loud {
+                values.iter_mut().zip(&samples.t_s).for_each(|(v, t)| *v += 100.0 * (TAU * hz * (t - middle_s)).sin());
+            }
+            demean(&mut quiet, &windows);
+            demean(&mut loud, &windows);
+            let noise = Spectrum::new(&grid).take(&grid, &quiet).expect("a spectrum");
+            let waves = Waves { grid: &grid, noise: &noise, residual: &loud };
+            let found_hz = waves.refine(hz + 0.7 * grid.step_hz());
+            let wave = waves.wave(&waves.band(found_hz), found_hz).expect("a wave");
+            of_frequency += ((found_hz - hz) / frequency_std_hz(&grid, wave.chi)).powi(2);
+            let turned = TAU * (found_hz * middle_s).fract();
+            let quarter = wave.cos[0] * turned.cos() + wave.sin[0] * turned.sin();
+            of_phase += (quarter / wave.std[0]).powi(2);
+        }
+        // Of 40 normal numbers the mean square has a standard deviation of 0.22.
+        for mean_square in [of_frequency / 40.0, of_phase / 40.0] {
+            assert!((0.34..1.66).contains(&mean_square), "{of_frequency} {of_phase}");
         }
     }
 }
