@@ -29,6 +29,12 @@ struct Sum {
     after_squares: f64,
 }
 
+impl Sum {
+    fn each(&mut self) -> [&mut f64; 6] {
+        [&mut self.x, &mut self.count, &mut self.weights, &mut self.before, &mut self.after, &mut self.after_squares]
+    }
+}
+
 #[derive(Clone, Default)]
 struct Cell([Sum; 3]);
 
@@ -45,13 +51,8 @@ impl Cell {
 
     /// With the samples of another one.
     fn join(&mut self, other: &Self) {
-        for (sum, other) in self.0.iter_mut().zip(&other.0) {
-            sum.x += other.x;
-            sum.count += other.count;
-            sum.weights += other.weights;
-            sum.before += other.before;
-            sum.after += other.after;
-            sum.after_squares += other.after_squares;
+        for (sum, mut other) in self.0.iter_mut().zip(other.0) {
+            sum.each().into_iter().zip(other.each()).for_each(|(sum, other)| *sum += *other);
         }
     }
 

@@ -13,7 +13,7 @@ mod spectrum;
 mod together;
 mod waves;
 
-use super::{Inside, demean, interval_s, remove, remove_raw, rms, squares_of_all};
+use super::{Inside, demean, interval_s, remove, remove_raw};
 use crate::diagnose::APART;
 use crate::fit::scan::orthonormal;
 use crate::fit::statistics::{log_chi2_tail, median};
@@ -133,12 +133,15 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
     for rest in &beside_known {
         remove(&mut residual, &prepared.record, samples, &windows, &rest.negative());
     }
-    if found.len() + beside_known.len() > 1
+    if !found.is_empty()
         && let Some(noise) = beside.map(|beside| beside.noise).or_else(|| spectrum.take(&grid, &residual))
     {
         let taken = Taken { slopes: slopes.as_ref(), is_level };
         let together = Beside { record: &prepared.record, signals: &signals, taken: &taken, grid: &grid, noise: &noise };
-        together.fit(&mut found, &mut residual);
+        if found.len() + beside_known.len() > 1 {
+            together.fit(&mut found, &mut residual);
+        }
+        together.measure(&mut found, &residual);
     }
     Periodic { found, left: Some((windows, residual)) }
 }
@@ -466,7 +469,7 @@ fn taken_off(
     let tone = as_tone(tone_effect, line, wave, line_hz, shown.p_value, grid);
     let tone_evidence = Waves::tone_evidence(wave);
     let seen = Seen { waves: &harmonics, spectrum: left.spectrum };
-    let mut signal = match switched(signals, waves, &seen, line_hz, shown.comb.as_ref(), tone_evidence - APART) {
+    let signal = match switched(signals, waves, &seen, line_hz, shown.comb.as_ref(), tone_evidence - APART) {
         // Of a signal with one harmonic in sight nothing shows that it is switched.
         Some((effect, form, found)) if found.evidence > tone_evidence && !found.single => {
             let near = found.evidence - tone_evidence < APART;
@@ -478,15 +481,7 @@ fn taken_off(
         Some((other, _, found)) if tone_evidence - found.evidence < APART => Inside { ambiguous_with: vec![other], ..tone },
         _ => tone,
     };
-    let measured = |residual: &[Vec<f64>; 3]| {
-        let squares = squares_of_all(residual, grid.windows);
-        (noise.weighted(grid, &squares), rms(&squares, grid.windows))
-    };
-    let before = measured(residual);
     remove(residual, record, grid.samples, grid.windows, &signal);
-    let after = measured(residual);
-    signal.squares = [before.0, after.0, 3.0 * grid.used as f64];
-    signal.rms_ent = [before.1, after.1];
     let is_all = harmonics.len() == 1;
     Some(Found { signal, line_hz, beside: NoiseBeside { noise, is_all } })
 }

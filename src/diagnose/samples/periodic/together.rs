@@ -4,7 +4,7 @@
 use super::spectrum::{Grid, Noise};
 use super::waves::{TONE_PARAMETERS, Waves, frequency_std_hz};
 use super::{Signals, Taken, as_tone};
-use crate::diagnose::samples::{Inside, remove};
+use crate::diagnose::samples::{Inside, remove, rms, squares_of_all};
 use crate::model::effects::in_samples::InSamples;
 use crate::model::effects::{Record, Spec};
 
@@ -43,6 +43,23 @@ impl Beside<'_> {
             if is_settled {
                 return;
             }
+        }
+    }
+
+    /// What the samples are without the signals before each, and without it as well: squares over the noise beside all of them, and root mean squares.
+    pub fn measure(&self, found: &mut [Inside], residual: &[Vec<f64>; 3]) {
+        let of = |residual: &[Vec<f64>; 3]| {
+            let squares = squares_of_all(residual, self.grid.windows);
+            (self.noise.weighted(self.grid, &squares), rms(&squares, self.grid.windows))
+        };
+        let mut left = residual.clone();
+        let mut after = of(&left);
+        for signal in found.iter_mut().rev() {
+            self.put(&signal.negative(), &mut left);
+            let before = of(&left);
+            signal.squares = [before.0, after.0, 3.0 * self.grid.used as f64];
+            signal.rms_ent = [before.1, after.1];
+            after = before;
         }
     }
 

@@ -15,8 +15,7 @@ const PARABOLAS: usize = 3;
 const PHASES: usize = 32;
 /// Sine and cosine of three axes.
 pub const TONE_PARAMETERS: f64 = 6.0;
-/// Standard uncertainty of the frequency of a sine in white noise, whose amplitude stands so many times its own uncertainty out of it, for a chi square of
-/// one, in units of one over the record: √3/π.
+/// Standard uncertainty of the frequency of a sine in white noise for a chi square of one, in units of one over the record: √3/π.
 const OF_FREQUENCY: f64 = 0.551;
 /// Squares of the expected signal to noise ratio, per parameter, of the evidence.
 const EXPECTED: f64 = 20.0;
