@@ -187,7 +187,7 @@ mod tests {
         }
     }
 
-    /// Of means without parts of a switched signal nothing is certain.
+    /// Of means without parts of a periodic signal nothing is certain.
     #[test]
     fn nothing_is_certain_in_means_without_parts_of_a_signal() {
         for is_cut in [false, true] {

@@ -90,7 +90,7 @@ pub fn of(
         // From signal to signal on the same windows there is one more to take off.
         let mut now = left.take().filter(|left| left.windows == windows).unwrap_or_else(|| Left::new(samples, windows));
         now.take_off(prepared, samples, &all[..known + index]);
-        let is_periodic = matches!(found.effect.in_samples(), Some(InSamples::Line(_) | InSamples::Comb(_)));
+        let is_periodic = found.effect.in_samples().is_some_and(InSamples::is_periodic);
         let map =
             if is_periodic { periodic } else { of_steps }(prepared, samples, &mut now, &all[..=known + index], step + index);
         left = Some(now);

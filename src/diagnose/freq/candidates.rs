@@ -208,12 +208,12 @@ fn best_of_effect(effect: EffectRef, base: &Fit, scored: &Scored, sines: &Sines)
     let own = scored.terms.iter().filter(|e| e.term.effect == effect);
     let mut own: Vec<(f64, &ScoredTerm)> = own.map(|e| (e.p_value(&base.residual, base.dof()), e)).collect();
     own.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let refined =
+    let with_aicc =
         |(term, fit): (EffectTerm, Fit)| Some(Refined { aicc: aicc(fit.chi2, fit.p.len(), fit.residual.len())?, term, fit });
     let of_form = |e: &ScoredTerm| {
         let fits = starts(base, e, sines).into_iter().filter_map(|s| base.with(&e.term, &s, sines));
         let reported = fits.filter(|fit| e.term.is_reported(&fit.p[base.p.len()..], &sines.run));
-        reported.filter_map(|fit| refined((e.term.clone(), fit))).collect::<Vec<Refined>>()
+        reported.filter_map(|fit| with_aicc((e.term.clone(), fit))).collect::<Vec<Refined>>()
     };
     let best_of = |all: Vec<Refined>| all.into_iter().min_by(|a, b| a.aicc.total_cmp(&b.aicc));
     let best = best_of(own.iter().take(FITTED).flat_map(|(_, e)| of_form(e)).collect())?;
@@ -223,7 +223,7 @@ fn best_of_effect(effect: EffectRef, base: &Fit, scored: &Scored, sines: &Sines)
     let on_most_axes = forms.min_by_key(|e| std::cmp::Reverse(e.term.axes().len())).filter(|e| !e.term.is_same(&best.term));
     let on_most_axes = on_most_axes.and_then(|e| best_of(of_form(e)));
     let fixed = || std::iter::once(&best).chain(&on_most_axes);
-    let free: Vec<Refined> = fixed().filter_map(|r| refined(told(base, &r.term, &r.fit, sines)?)).collect();
+    let free: Vec<Refined> = fixed().filter_map(|r| with_aicc(told(base, &r.term, &r.fit, sines)?)).collect();
     best_of(free.into_iter().chain([best]).collect())
 }
 

@@ -10,8 +10,7 @@ const FEW: f64 = 0.005;
 
 /// What is to be known where means of the plateaus are without parts of a periodic signal.
 pub(in crate::diagnose) fn cut(plateaus: &Plateaus, inside: &[Inside]) -> Option<Note> {
-    let is_periodic = |found: &&Inside| matches!(found.effect.in_samples(), Some(InSamples::Line(_) | InSamples::Comb(_)));
-    let periodic = inside.iter().find(is_periodic)?;
+    let periodic = inside.iter().find(|found| found.effect.in_samples().is_some_and(InSamples::is_periodic))?;
     let spikes: u64 = plateaus.list.iter().map(|p| p.spike_samples).sum();
     let used: u64 = plateaus.list.iter().filter_map(|p| p.count).sum();
     let is_cut = spikes as f64 > FEW * (spikes + used) as f64;

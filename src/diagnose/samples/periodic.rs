@@ -27,7 +27,7 @@ use rayon::prelude::*;
 use shape::sharpened;
 use spectrum::{Grid, Noise, Spectrum, log_p_of_switched};
 use std::f64::consts::{PI, TAU};
-use together::Beside;
+use together::Together;
 use waves::{Switched, TONE_PARAMETERS, Wave, Waves, frequency_std_hz};
 
 /// Probability that noise alone shows as much, all trials counted: in 2000 runs with other effects in them and noise that is seldom quite as
@@ -137,7 +137,7 @@ pub fn periodic(prepared: &PreparedRun, samples: &Samples, known: &[Inside], cat
         && let Some(noise) = beside.map(|beside| beside.noise).or_else(|| spectrum.take(&grid, &residual))
     {
         let taken = Taken { slopes: slopes.as_ref(), is_level };
-        let together = Beside { record: &prepared.record, signals: &signals, taken: &taken, grid: &grid, noise: &noise };
+        let together = Together { record: &prepared.record, signals: &signals, taken: &taken, grid: &grid, noise: &noise };
         if found.len() + beside_known.len() > 1 {
             together.fit(&mut found, &mut residual);
         }

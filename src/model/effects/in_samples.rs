@@ -22,6 +22,12 @@ impl InSamples {
     pub fn follows_steps(self) -> bool {
         matches!(self, InSamples::Edges | InSamples::Transient(_))
     }
+
+    /// Whether it comes again with a period.
+    #[must_use]
+    pub fn is_periodic(self) -> bool {
+        matches!(self, InSamples::Line(_) | InSamples::Comb(_))
+    }
 }
 
 /// A transient with one time constant, in proportion to the step.

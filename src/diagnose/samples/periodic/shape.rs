@@ -55,7 +55,7 @@ pub fn sharpened(waves: &Waves, record: &Record, effect: EffectRef, form: &Comb,
     let (begin_s, end_s) = (t_s[0], t_s[t_s.len() - 1]);
     let middle_s = 0.5 * (begin_s + end_s);
     let mut best = Shape::from(shape, middle_s);
-    let levels = [0, 1, 2].map(|a| waves.noise.usual_level(a));
+    let variance = waves.noise.variance(waves.grid);
     let (mut table, mut duty) = (over_a_period(record, effect, form, best.duty), best.duty);
     let mut gain_of = |shape: Shape| {
         if !(LEAST_PART..=1.0 - LEAST_PART).contains(&shape.duty) {
@@ -64,7 +64,7 @@ pub fn sharpened(waves: &Waves, record: &Record, effect: EffectRef, form: &Comb,
         if shape.duty != duty {
             (table, duty) = (over_a_period(record, effect, form, shape.duty), shape.duty);
         }
-        gain(waves, levels, &table, shape.period_s, middle_s + shape.begin * shape.period_s)
+        gain(waves, variance, &table, shape.period_s, middle_s + shape.begin * shape.period_s)
     };
     let mut most = gain_of(best);
     // A period that is longer by this part has one turn less over the record.
@@ -101,8 +101,8 @@ fn over_a_period(record: &Record, effect: EffectRef, form: &Comb, duty: f64) -> 
     signal
 }
 
-/// What a signal that begins at a time explains of the residuals: squares over the noise of these levels, the means of the plateaus taken off it as well.
-fn gain(waves: &Waves, levels: [f64; 3], table: &[f64], period_s: f64, begin_s: f64) -> f64 {
+/// What a signal that begins at a time explains of the residuals: squares over this variance of a sample, the means of the plateaus taken off it as well.
+fn gain(waves: &Waves, variance: [f64; 3], table: &[f64], period_s: f64, begin_s: f64) -> f64 {
     let (t_s, per_s) = (&waves.grid.samples.t_s, period_s.recip());
     let of_plateau = |(k, [from, to]): (usize, &[usize; 2])| {
         let (mut sum, mut square, mut along) = (0.0, 0.0, [0.0; 3]);
@@ -123,6 +123,5 @@ fn gain(waves: &Waves, levels: [f64; 3], table: &[f64], period_s: f64, begin_s: 
     // In the order of the plateaus, whatever the threads.
     let all: Vec<[[f64; 2]; 3]> = waves.grid.windows.par_iter().enumerate().map(of_plateau).collect();
     let sums = all.into_iter().fold([[0.0; 2]; 3], add);
-    let variance = levels.map(|level| (level / waves.grid.used as f64).max(f64::MIN_POSITIVE));
-    (0..3).map(|a| sums[a][0].powi(2) / sums[a][1].max(f64::MIN_POSITIVE) / variance[a]).sum()
+    (0..3).map(|a| sums[a][0].powi(2) / sums[a][1].max(f64::MIN_POSITIVE) / variance[a].max(f64::MIN_POSITIVE)).sum()
 }

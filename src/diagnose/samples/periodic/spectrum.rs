@@ -238,12 +238,16 @@ impl Noise {
         median(&mut self.levels[axis].clone())
     }
 
-    /// Squares of residuals by the components and plateaus, weighted, over the variance of a sample, which is the median level of the spectrum.
+    /// Variance of a sample of each component, which is the median level of the spectrum, enT².
+    pub fn variance(&self, grid: &Grid) -> [f64; 3] {
+        [0, 1, 2].map(|a| self.usual_level(a) / grid.used as f64)
+    }
+
+    /// Squares of residuals by the components and plateaus, weighted, over the variance of a sample.
     pub fn weighted(&self, grid: &Grid, squares: &[Vec<f64>; 3]) -> f64 {
-        let of_axis = |a: usize| {
-            let variance = self.usual_level(a) / grid.used as f64;
-            squares[a].iter().zip(&self.weights[a]).map(|(square, weight)| weight * square).sum::<f64>() / variance
-        };
+        let variance = self.variance(grid);
+        let of_axis =
+            |a: usize| squares[a].iter().zip(&self.weights[a]).map(|(square, weight)| weight * square).sum::<f64>() / variance[a];
         (0..3).map(of_axis).sum()
     }
 }

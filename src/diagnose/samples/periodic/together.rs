@@ -14,7 +14,7 @@ const MOST_ROUNDS: usize = 8;
 const SETTLED: f64 = 0.05;
 
 /// What some signals are fitted to beside each other.
-pub struct Beside<'a> {
+pub struct Together<'a> {
     pub record: &'a Record,
     pub signals: &'a Signals,
     pub taken: &'a Taken<'a>,
@@ -22,7 +22,7 @@ pub struct Beside<'a> {
     pub noise: &'a Noise,
 }
 
-impl Beside<'_> {
+impl Together<'_> {
     /// Fits each of some signals beside all others, until none moves; the residuals are those without them.
     pub fn fit(&self, found: &mut [Inside], residual: &mut [Vec<f64>; 3]) {
         for _ in 0..MOST_ROUNDS {
